@@ -1,0 +1,157 @@
+"""Argument checks. Every message reads: argument, requirement, what came, remedy."""
+
+import math
+from numbers import Integral, Real
+
+import torch
+from torch import Tensor
+
+MAX_SPATIAL_NDIM = 4
+
+
+def as_mask(mask: Tensor, spatial_ndim: int | None = None, name: str = "mask") -> tuple[Tensor, tuple[int, ...]]:
+    """Check a binary mask and lay its shapes in a row.
+
+    Args:
+        mask: ``(B, C, *spatial)`` with 1 to 4 spatial dimensions; with ``spatial_ndim`` any number of leading
+            dimensions. Bool, integer or real dtype, every value 0 or 1, any strides.
+        spatial_ndim: how many of the last dimensions are spatial; None means all after the first two.
+        name: what the messages call the argument.
+
+    Returns:
+        The mask as bool ``(N, *spatial)`` and the leading shape, whose product is N (1 for no leading dimension).
+
+    Raises:
+        TypeError: no tensor, or a complex one.
+        ValueError: wrong rank, a spatial dimension of size 0, or values other than 0 and 1.
+
+    >>> shapes, lead = as_mask(torch.ones(2, 3, 4, 5))
+    >>> tuple(shapes.shape), shapes.dtype, lead
+    ((6, 4, 5), torch.bool, (2, 3))
+    """
+    if not isinstance(mask, Tensor):
+        remedy = "Pass torch.from_numpy(array)." if type(mask).__module__ == "numpy" else "Pass torch.as_tensor(...)."
+        raise TypeError(f"{name} must be a torch.Tensor; got {type(mask).__name__}. {remedy}")
+    if mask.is_complex():
+        raise TypeError(f"{name} must be bool, integer or real; got {mask.dtype}. Pass {name} != 0.")
+    ndim = _spatial_ndim(mask, spatial_ndim, name)
+    lead, spatial = tuple(mask.shape[: mask.ndim - ndim]), tuple(mask.shape[mask.ndim - ndim :])
+    if 0 in spatial:
+        raise ValueError(
+            f"{name} must have spatial dimensions of size 1 or more; got spatial shape {spatial}. "
+            "Drop the shapes without pixels first."
+        )
+    inside = mask.detach() if mask.dtype == torch.bool else _binary(mask.detach(), name)
+    return inside.reshape(math.prod(lead), *spatial), lead
+
+
+def _spatial_ndim(mask: Tensor, spatial_ndim: int | None, name: str) -> int:
+    if spatial_ndim is None:
+        ndim = mask.ndim - 2
+        if 1 <= ndim <= MAX_SPATIAL_NDIM:
+            return ndim
+        remedy = "Pass spatial_ndim, the number of spatial dimensions."
+        if 1 <= mask.ndim <= 2:
+            remedy = f"Pass spatial_ndim={mask.ndim} or {name}[None, None]."
+        raise ValueError(
+            f"{name} must be (B, C, *spatial) with 1 to {MAX_SPATIAL_NDIM} spatial dimensions; "
+            f"got {tuple(mask.shape)}. {remedy}"
+        )
+    if not isinstance(spatial_ndim, Integral) or isinstance(spatial_ndim, bool):
+        raise TypeError(
+            f"spatial_ndim must be an integer from 1 to {MAX_SPATIAL_NDIM}; got {spatial_ndim!r}. "
+            "Pass 2 for images, 3 for volumes."
+        )
+    if not 1 <= spatial_ndim <= MAX_SPATIAL_NDIM:
+        raise ValueError(
+            f"spatial_ndim must be from 1 to {MAX_SPATIAL_NDIM}; got {spatial_ndim}. Pass 2 for images, 3 for volumes."
+        )
+    if mask.ndim < spatial_ndim:
+        raise ValueError(
+            f"{name} must have at least spatial_ndim={spatial_ndim} dimensions; got {tuple(mask.shape)}. "
+            f"Pass spatial_ndim={max(mask.ndim, 1)} or add dimensions to {name}."
+        )
+    return int(spatial_ndim)
+
+
+def _binary(mask: Tensor, name: str) -> Tensor:
+    inside = mask == 1
+    wrong = ~(inside | (mask == 0))
+    if wrong.any():
+        if mask.is_floating_point() and mask.isnan().any():
+            raise ValueError(f"{name} must hold only 0 and 1; got NaN. Pass {name} > threshold after removing the NaN.")
+        value = mask[wrong][0].item()
+        remedy = f"Pass {name} > threshold" if mask.is_floating_point() else f"Pass {name} != 0 for nonzero inside"
+        raise ValueError(f"{name} must hold only 0 and 1; got {value}. {remedy}.")
+    return inside
+
+
+def positive(value: float, name: str) -> float:
+    """Return ``value`` as a float if it is a finite number above 0, else raise.
+
+    >>> positive(1, "tol")
+    1.0
+    """
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a number above 0; got {value!r}. Pass a float.")
+    number = float(value)
+    if not (math.isfinite(number) and number > 0):
+        raise ValueError(f"{name} must be finite and above 0; got {value!r}. Pass a positive number.")
+    return number
+
+
+def count(value: int, name: str) -> int:
+    """Return ``value`` as an int if it is an integer of 1 or more, else raise.
+
+    >>> count(3, "bins")
+    3
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise TypeError(f"{name} must be an integer of 1 or more; got {value!r}. Pass an int.")
+    if value < 1:
+        raise ValueError(f"{name} must be an integer of 1 or more; got {value!r}. Pass a positive int.")
+    return int(value)
+
+
+def window(low: float, high: float) -> tuple[float, float]:
+    """Return the window of scales (low, high] as floats if 0 <= low < high <= 1, else raise.
+
+    >>> window(0, 0.25)
+    (0.0, 0.25)
+    """
+    for name, value in (("low", low), ("high", high)):
+        if isinstance(value, bool) or not isinstance(value, Real):
+            raise TypeError(f"{name} must be a number in [0, 1]; got {value!r}. Pass a float.")
+    if not 0 <= low < high <= 1:
+        raise ValueError(
+            f"low and high must obey 0 <= low < high <= 1; got low={low!r}, high={high!r}. "
+            "Scales are fractions of the radius: pass for example low=0.0, high=0.25."
+        )
+    return float(low), float(high)
+
+
+def choice(value: str, options: tuple[str, ...], name: str) -> str:
+    """Return ``value`` if it is one of ``options``, else raise.
+
+    >>> choice("std", ("entropy", "std"), "estimator")
+    'std'
+    """
+    if value not in options:
+        listed = ", ".join(repr(option) for option in options)
+        raise ValueError(f"{name} must be one of {listed}; got {value!r}. Pass {name}={options[0]!r}.")
+    return value
+
+
+def real_dtype(dtype: torch.dtype | None, name: str = "dtype") -> torch.dtype | None:
+    """Return ``dtype`` if it is None or a real floating-point dtype, else raise.
+
+    >>> real_dtype(torch.float32)
+    torch.float32
+    """
+    if dtype is None:
+        return None
+    if not isinstance(dtype, torch.dtype):
+        raise TypeError(f"{name} must be a torch dtype; got {dtype!r}. Pass for example torch.float32.")
+    if not dtype.is_floating_point:
+        raise TypeError(f"{name} must be a floating-point dtype; got {dtype}. Pass for example torch.float32.")
+    return dtype

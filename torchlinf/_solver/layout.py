@@ -1,0 +1,106 @@
+"""Storage in which a sweep over many shapes is a few operations on long contiguous runs."""
+
+import math
+
+import torch
+from torch import Tensor
+
+
+class Layout:
+    """Shapes in one line of memory, each axis closed by one layer of zeros.
+
+    The layer that ends a row is also the layer before the next row, so on the line the two neighbours along an axis
+    are the entries at plus and minus its stride: no sweep has to pad. A guard of zeros at both ends keeps the
+    neighbours of the first and the last row in range. Only the smallest box that holds every shape is stored.
+    """
+
+    def __init__(self, mask: Tensor) -> None:
+        self.grid = tuple(mask.shape[1:])
+        self.box = _box(mask)
+        self.sizes = tuple(part.stop - part.start + 1 for part in self.box)
+        self.strides = [math.prod(self.sizes[axis + 1 :]) for axis in range(len(self.sizes))]
+        self.pixels = math.prod(self.sizes)
+        self.guard = sum(self.strides)
+
+    def rows(self, line: Tensor) -> Tensor:
+        """The shapes on a line as ``(N, pixels)``, a view."""
+        return line[self.guard : len(line) - self.guard].view(-1, self.pixels)
+
+    def line(self, rows: Tensor) -> Tensor:
+        """A new line that holds ``(N, pixels)``."""
+        line = rows.new_zeros(rows.numel() + 2 * self.guard)
+        self.rows(line).copy_(rows)
+        return line
+
+    def pack(self, x: Tensor) -> Tensor:
+        """A new line that holds the box of ``(N, *grid)``."""
+        inner = x[:, *self.box]
+        rows = inner.new_zeros(len(inner), *self.sizes)
+        rows[:, *(slice(size - 1) for size in self.sizes)] = inner
+        return self.line(rows.flatten(1))
+
+    def unpack(self, rows: Tensor) -> Tensor:
+        """``(N, pixels)`` back on the grid, ``(N, *grid)``, 0 outside the box."""
+        x = rows.new_zeros(len(rows), *self.grid)
+        inner = rows.view(len(rows), *self.sizes)
+        x[:, *self.box] = inner[:, *(slice(size - 1) for size in self.sizes)]
+        return x
+
+
+def _box(mask: Tensor) -> tuple[slice, ...]:
+    """The smallest box that holds all inside pixels; one pixel where there are none."""
+    used = mask.any(dim=0)
+    box = []
+    for dim in range(used.ndim):
+        others = [other for other in range(used.ndim) if other != dim]
+        places = (used.any(dim=others) if others else used).nonzero()
+        box.append(slice(int(places[0]), int(places[-1]) + 1) if len(places) else slice(0, 1))
+    return tuple(box)
+
+
+class System:
+    """The equation on the shapes that are still in the batch: sweeps and certificates on a layout's lines.
+
+    Only sums, products, maxima and minima of single entries occur, each rounded once, and reductions by maximum. So
+    the numbers of a shape depend on nothing else in the batch, nor on its place or orientation in the grid.
+    """
+
+    def __init__(self, layout: Layout, inside: Tensor, screening: Tensor, radius: Tensor) -> None:
+        """``inside``: ``(N, pixels)``, 0 or 1, of the dtype of ``screening`` ``(N,)``."""
+        self.layout = layout
+        self.inside = inside
+        self.screening = screening[:, None]
+        self.radius = radius
+        self._weight = inside / (2 + self.screening)
+        self._high, self._low, self._pairs = (layout.line(inside) for _ in range(3))
+
+    def select(self, keep: Tensor) -> "System":
+        """The system of the shapes with these indices."""
+        return System(self.layout, self.inside[keep], self.screening[keep, 0], self.radius[keep])
+
+    def sweep(self, line: Tensor, out: Tensor) -> None:
+        """out = T v = (M v + N v + 1) / (2 + s) on the shapes, 0 outside, for rows of v on ``line``."""
+        high, low = self._extrema(line)
+        torch.add(high, low, out=out)
+        out.add_(1).mul_(self._weight)
+
+    def residual(self, line: Tensor) -> Tensor:
+        """R(v) as :func:`torchlinf._stencil.residual` takes it, ``(N, pixels)``; overwritten by the next call."""
+        high, low = self._extrema(line)
+        value = self.layout.rows(line)
+        high.sub_(value)
+        low.sub_(value)
+        high.add_(low)
+        torch.mul(value, self.screening, out=low)
+        high.add_(torch.sub(1, low, out=low))
+        return high.mul_(self.inside)
+
+    def _extrema(self, line: Tensor) -> tuple[Tensor, Tensor]:
+        for extremum, target in ((torch.maximum, self._high), (torch.minimum, self._low)):
+            source = line
+            for stride in self.layout.strides:
+                pairs = self._pairs[:-stride]
+                extremum(source[:-stride], source[stride:], out=pairs)
+                extremum(pairs[:-stride], pairs[stride:], out=target[stride:-stride])
+                source = target
+        return self.layout.rows(self._high), self.layout.rows(self._low)
