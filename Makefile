@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
 
-.PHONY: venv demo test lint types examples docs bench check clean
+.PHONY: venv demo test lint types docs bench check clean
 
 venv: $(STAMP)
 
@@ -26,7 +26,7 @@ lint: $(STAMP)
 types: $(STAMP)
 	$(BIN)/mypy
 
-# The gallery pages run here as plain scripts; `docs` runs them again for their pictures.
+# Runs every gallery page in examples/ too: a page that fails, or a warning, fails the build.
 docs: $(STAMP)
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
 
@@ -34,7 +34,7 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks
 
 # All that CI runs. The tests come last, so that the output ends with their count.
-check: lint types docs demo test
+check: venv lint types docs demo test
 
 clean:
 	rm -rf .venv build dist demo docs/_build docs/gallery .pytest_cache .mypy_cache .ruff_cache
