@@ -1,3 +1,20 @@
 """Multi-scale complexity of discrete shapes from the screened L-infinity field, on PyTorch tensors."""
 
+from torchlinf import shapes
+from torchlinf.complexity import ComplexityProfile, complexity, complexity_profile
+from torchlinf.distance import chessboard_distance
+from torchlinf.field import FieldSolution, Status, linf_field, solve_field
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "ComplexityProfile",
+    "FieldSolution",
+    "Status",
+    "chessboard_distance",
+    "complexity",
+    "complexity_profile",
+    "linf_field",
+    "shapes",
+    "solve_field",
+]
