@@ -1,7 +1,8 @@
 """How a field is solved: one file per method, one loop that knows no method, and the table METHODS."""
 
+import importlib.util
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 
 from torchlinf._solver.accelerated import Accelerated
 from torchlinf._solver.iterate import iterate
@@ -10,12 +11,34 @@ from torchlinf._solver.problem import Problem, Solved
 
 Solver = Callable[[Problem, float, int | None], Solved]
 
+
+def _compiled(problem: Problem, tol: float, max_sweeps: int | None) -> Solved:
+    """The compiled method, imported when first used: numba takes longer to import than this whole library."""
+    if problem.mask.device.type != "cpu":
+        raise ValueError(
+            f'method="compiled" needs a mask on the CPU; got one on {problem.mask.device}. '
+            'Pass mask.cpu(), or method="auto".'
+        )
+    if not has_compiler():
+        raise ImportError('method="compiled" needs numba; it is not installed. Run: pip install numba')
+    from torchlinf._solver.compiled import compiled
+
+    return compiled(problem, tol, max_sweeps)
+
+
 METHODS: dict[str, Solver] = {
     "monotone": partial(iterate, Monotone),
     "accelerated": partial(iterate, Accelerated),
+    "compiled": _compiled,
 }
+
+
+@cache
+def has_compiler() -> bool:
+    """Whether numba is installed."""
+    return importlib.util.find_spec("numba") is not None
 
 
 def automatic(problem: Problem) -> str:
     """The method that ``method="auto"`` stands for: the one place of that choice."""
-    return "accelerated"
+    return "compiled" if problem.mask.device.type == "cpu" and has_compiler() else "accelerated"

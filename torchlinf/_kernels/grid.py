@@ -1,0 +1,79 @@
+"""One shape on its own grid: cropped to its box, padded by one outside pixel, seen as flat arrays."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from torchlinf._kernels._compile import kernel
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Geometry of a padded grid, and the runs (row segments) of inside pixels on it.
+
+    Attributes:
+        shape: padded sizes.
+        strides: of the flat view, per axis.
+        starts: flat index at which each run starts.
+        ends: flat index after each run.
+        block: flat offsets of the 3^n block, ascending.
+        rows: flat offsets of the 3^(n-1) rows that the block touches, ascending, in threes: the kernels fuse three
+            rows at a time, and in 1-D the only row is given three times.
+    """
+
+    shape: tuple[int, ...]
+    strides: np.ndarray
+    starts: np.ndarray
+    ends: np.ndarray
+    block: np.ndarray
+    rows: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of pixels, padding included."""
+        return int(np.prod(self.shape))
+
+    @property
+    def pixels(self) -> int:
+        """Number of inside pixels."""
+        return int((self.ends - self.starts).sum())
+
+
+def make_grid(padded: np.ndarray) -> Grid:
+    """The grid of a padded mask."""
+    shape = padded.shape
+    strides = [int(np.prod(shape[axis + 1 :])) for axis in range(len(shape))]
+    rows = [0]
+    for stride in strides[:-1]:
+        rows = [row + step * stride for row in rows for step in (-1, 0, 1)]
+    block = np.array(sorted(row + step for row in rows for step in (-1, 0, 1)))
+    rows = sorted(rows) if len(rows) > 1 else rows * 3
+    return Grid(shape, np.array(strides), *find_runs(padded.reshape(-1)), block, np.array(rows))
+
+
+def crop(mask: np.ndarray) -> tuple[slice, ...]:
+    """The smallest box that holds a mask's inside; of size 0 if there is none."""
+    box = []
+    for axis in range(mask.ndim):
+        hit = np.flatnonzero(mask.any(axis=tuple(other for other in range(mask.ndim) if other != axis)))
+        box.append(slice(int(hit[0]), int(hit[-1]) + 1) if hit.size else slice(0, 0))
+    return tuple(box)
+
+
+@kernel
+def find_runs(inside):  # type: ignore[no-untyped-def]
+    """Starts and ends (exclusive) of the runs of inside pixels in a flat padded mask."""
+    count = 0
+    for x in range(1, inside.size):
+        if inside[x] and not inside[x - 1]:
+            count += 1
+    starts = np.empty(count, np.int64)
+    ends = np.empty(count, np.int64)
+    run = 0
+    for x in range(1, inside.size):
+        if inside[x] and not inside[x - 1]:
+            starts[run] = x
+        elif inside[x - 1] and not inside[x]:
+            ends[run] = x
+            run += 1
+    return starts, ends

@@ -1,0 +1,101 @@
+"""Block max and min along runs: sweeps of T, the residual, and the policies.
+
+A run is a row segment of the shape. Its block max is taken in two steps that both vectorise: the max over the
+neighbouring rows, column by column, then over three adjacent columns.
+"""
+
+import numpy as np
+
+from torchlinf._kernels._compile import kernel
+
+
+@kernel
+def _row_extrema(v, rows, first, count, high, low):  # type: ignore[no-untyped-def]
+    """Max and min over the neighbouring rows, for columns first .. first + count."""
+    for group in range(0, rows.size, 3):
+        a = v[first + rows[group] : first + rows[group] + count]
+        b = v[first + rows[group + 1] : first + rows[group + 1] + count]
+        c = v[first + rows[group + 2] : first + rows[group + 2] + count]
+        if group == 0:
+            for j in range(count):
+                high[j] = max(max(a[j], b[j]), c[j])
+                low[j] = min(min(a[j], b[j]), c[j])
+        else:
+            for j in range(count):
+                high[j] = max(max(max(a[j], b[j]), c[j]), high[j])
+                low[j] = min(min(min(a[j], b[j]), c[j]), low[j])
+
+
+@kernel
+def sweep(v, starts, ends, rows, screening, num_sweeps, buffer):  # type: ignore[no-untyped-def]
+    """Apply T in place, `num_sweeps` times, row by row, down and up in turn.
+
+    A row sees the new values of the rows before it, which is still monotone and a contraction, needs no second
+    array, and carries news across the whole shape in the direction of travel.
+    """
+    inverse = 1.0 / (2.0 + screening)
+    high, low = buffer[0], buffer[1]
+    for number in range(num_sweeps):
+        for k in range(starts.size):
+            run = k if number % 2 == 0 else starts.size - 1 - k
+            start = starts[run]
+            length = ends[run] - start
+            _row_extrema(v, rows, start - 1, length + 2, high, low)
+            values = v[start : start + length]
+            for j in range(length):
+                most = max(max(high[j], high[j + 1]), high[j + 2])
+                least = min(min(low[j], low[j + 1]), low[j + 2])
+                values[j] = (most + least + 1.0) * inverse
+
+
+@kernel
+def residual_bounds(v, starts, ends, rows, screening, buffer):  # type: ignore[no-untyped-def]
+    """Largest positive and negative part of R(v) = (M v - v) - (v - N v) + (1 - s v) on the shape.
+
+    In this order the two differences are exact in floating point, so R is known to a few ulps of 1, not of v.
+    """
+    above = 0.0
+    below = 0.0
+    high, low = buffer[0], buffer[1]
+    for run in range(starts.size):
+        start = starts[run]
+        length = ends[run] - start
+        _row_extrema(v, rows, start - 1, length + 2, high, low)
+        values = v[start : start + length]
+        for j in range(length):
+            most = max(max(high[j], high[j + 1]), high[j + 2])
+            least = min(min(low[j], low[j + 1]), low[j + 2])
+            r = ((most - values[j]) - (values[j] - least)) + (1.0 - screening * values[j])
+            above = max(above, r)
+            below = max(below, -r)
+    return above, below
+
+
+@kernel
+def choose_policies(v, starts, ends, rows, block, tie, up, down, buffer):  # type: ignore[no-untyped-def]
+    """The neighbours that hold the block max (up) and min (down) of every pixel.
+
+    The canonical tie rule: among the neighbours within `tie` of the extremum the pixel itself if it is one, else the
+    one of smallest index. Without it, values that are equal in exact arithmetic would make chains zigzag.
+    """
+    high, low, step_up, step_down = buffer[0], buffer[1], buffer[2], buffer[3]
+    for run in range(starts.size):
+        start = starts[run]
+        length = ends[run] - start
+        _row_extrema(v, rows, start - 1, length + 2, high, low)
+        for j in range(length):  # columns j .. j + 2 are read before column j is overwritten
+            high[j] = max(max(high[j], high[j + 1]), high[j + 2]) - tie
+            low[j] = min(min(low[j], low[j + 1]), low[j + 2]) + tie
+        # Steps are kept as float64 here: selects of one width vectorise. The last writer wins, hence the order.
+        for k in range(block.size - 1, -2, -1):
+            step = block[k] if k >= 0 else 0
+            values = v[start + step : start + step + length]
+            for j in range(length):
+                step_up[j] = step if values[j] >= high[j] else step_up[j]
+            for j in range(length):
+                step_down[j] = step if values[j] <= low[j] else step_down[j]
+        ups = up[start : start + length]
+        downs = down[start : start + length]
+        for j in range(length):
+            ups[j] = start + j + np.int32(step_up[j])
+            downs[j] = start + j + np.int32(step_down[j])

@@ -1,0 +1,45 @@
+"""Threads over shapes: kernels release the GIL, and a pool lives only as long as one call, so forks are safe."""
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+
+import torch
+
+
+class Cancelled(Exception):
+    """Raised inside a worker that should stop, since another one failed or the user interrupted."""
+
+
+def for_each(task: Callable[[int, Callable[[], None]], None], count: int) -> None:
+    """Call `task(i, check)` for i in range(count), on at most `torch.get_num_threads()` threads.
+
+    `check()` raises `Cancelled` once the call is to end early, so that Ctrl-C does not wait for long tasks. The first
+    exception of a task is raised here.
+    """
+    threads = min(torch.get_num_threads(), count)
+    if threads <= 1:
+        for i in range(count):
+            task(i, lambda: None)
+        return
+    stop = threading.Event()
+
+    def check() -> None:
+        if stop.is_set():
+            raise Cancelled
+
+    with ThreadPoolExecutor(threads) as pool:
+        futures = [pool.submit(task, i, check) for i in range(count)]
+        try:
+            wait(futures, return_when=FIRST_EXCEPTION)
+            failed = any(future.done() and future.exception() is not None for future in futures)
+        except BaseException:
+            failed = True
+            raise
+        finally:
+            if failed:
+                stop.set()
+                pool.shutdown(cancel_futures=True)
+    for future in futures:
+        if not future.cancelled() and not isinstance(future.exception(), Cancelled):
+            future.result()

@@ -1,0 +1,168 @@
+"""The compiled CPU method: coarse to fine, a few sweeps, then policies and one exact linear solve, until certified.
+
+Sweeps settle the policies nearby, the solve carries their values across the whole shape. A start from half the
+resolution has the values right to O(1/D), so that the number of rounds does not grow with D.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from torchlinf._kernels import chains, distance, grid, levels, sweeps, thomas
+from torchlinf._parallel import for_each
+from torchlinf._solver.problem import Problem, Solved
+from torchlinf._solver.start import square_profile
+from torchlinf._solver.status import Status
+
+SWEEPS = 32  # between two solves; doubled where progress stalls, which ends since sweeps alone converge
+COARSEST = 8  # radius up to which no coarser grid is worth its while
+COARSE_TOL = 0.1  # residual beyond which a coarse field would be no better a start
+TIE = 1e-11  # share of max f within which neighbours are equal: rounding, not geometry
+NOISE = 1e-4  # share of the residual down to which linear solves go, and within which neighbours are equal meanwhile
+
+
+def compiled(problem: Problem, tol: float, max_sweeps: int | None) -> Solved:
+    """Solve shape by shape on the CPU, shapes in parallel on torch's number of threads."""
+    masks = problem.mask.numpy()
+    count = len(masks)
+    value = np.zeros(masks.shape)
+    bound = np.zeros(count)
+    work = np.zeros((2, count), dtype=np.int64)
+    status = np.full(count, int(Status.EMPTY), dtype=np.int64)
+
+    def solve(i: int, check: Callable[[], None]) -> None:
+        box = grid.crop(masks[i])
+        if masks[i][box].size:
+            screening = float(problem.screening[i])
+            shape = Shape.from_mask(masks[i][box], screening, problem.distance[i].numpy()[box])
+            field = Field(shape, tol, max_sweeps, check)
+            value[i][box] = field.run()
+            bound[i], work[:, i], status[i] = field.bound, (field.sweeps(), field.num_solves), field.status
+
+    for_each(solve, count)
+    found = (torch.from_numpy(array) for array in (value, bound, work[0], work[1], status))
+    return Solved(*found)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape on its grid, with its distance (flat, int32) and the profile g_D that starts it."""
+
+    grid: grid.Grid
+    distance: np.ndarray
+    screening: float
+    profile: np.ndarray
+
+    @classmethod
+    def from_mask(cls, mask: np.ndarray, screening: float, known: np.ndarray | None = None) -> "Shape":
+        """A shape from its cropped mask; `known` is its distance if that is known."""
+        padded = np.pad(mask, 1)
+        geometry = grid.make_grid(padded)
+        flat = np.zeros(geometry.size, dtype=np.int32)
+        if known is None:
+            scratch = np.empty(geometry.shape[-1] + 2, dtype=np.int32)
+            distance.chessboard(flat, geometry.starts, geometry.ends, geometry.rows, scratch)
+        else:
+            flat.reshape(geometry.shape)[_interior(mask.ndim)] = known
+        radius = int(flat.max())
+        s = torch.tensor([screening], dtype=torch.float64)
+        profile = square_profile(torch.tensor([radius]), s, radius + 1)[0].numpy()
+        return cls(geometry, flat, screening, profile)
+
+    @property
+    def radius(self) -> int:
+        """D in pixels."""
+        return len(self.profile) - 1
+
+    def coarse(self) -> "Shape":
+        """The shape at half the side: a pixel of it is inside if any of the 2^n pixels under it is."""
+        sizes = tuple((size - 1) // 2 for size in self.grid.shape)  # half of the unpadded size, rounded up
+        padded = np.zeros([size + 2 for size in sizes], dtype=np.bool_)
+        strides = np.array(padded.strides)
+        levels.coarsen(self.grid.starts, self.grid.ends, self.grid.strides, padded.reshape(-1), strides)
+        return Shape.from_mask(padded[_interior(padded.ndim)], 4 * self.screening)
+
+
+def _interior(ndim: int) -> tuple[slice, ...]:
+    return (slice(1, -1),) * ndim
+
+
+class Field:
+    """The solve of one shape: the present v, its certified bound, and the work so far."""
+
+    def __init__(self, shape: Shape, tol: float, max_sweeps: int | None, check: Callable[[], None]) -> None:
+        """Prepare the start g_D(d), which is the field itself on shapes of complexity zero."""
+        self.shape = shape
+        self.check = check
+        self.limit = 20_000 + 200 * shape.radius if max_sweeps is None else max_sweeps
+        self.v = np.zeros(shape.grid.size)
+        self.buffer = np.empty((4, shape.grid.shape[-1]))
+        self.tol = max(tol, 4 * np.finfo(np.float64).eps * float(shape.profile[-1]))
+        self.stencil = (self.v, shape.grid.starts, shape.grid.ends, shape.grid.rows)
+        self.bound = np.inf
+        self.num_sweeps = 0.0
+        self.num_solves = 0
+        levels.set_profile(self.v, shape.distance, shape.grid.starts, shape.grid.ends, shape.profile)
+
+    def sweeps(self) -> int:
+        """Sweeps so far, those on coarse grids counted by their share of the pixels."""
+        return int(np.ceil(self.num_sweeps))
+
+    @property
+    def status(self) -> Status:
+        """How the solve ended."""
+        if not np.isfinite(self.shape.screening) or np.isnan(self.bound):
+            return Status.NONFINITE
+        return Status.CONVERGED if self.bound <= self.tol else Status.MAX_SWEEPS
+
+    def run(self) -> np.ndarray:
+        """Solve, and return the field without its padding."""
+        if np.isfinite(self.shape.screening) and not self.certify():
+            if self.shape.radius > COARSEST:
+                self.start_from_coarse()
+            self.iterate()
+        return self.v.reshape(self.shape.grid.shape)[_interior(len(self.shape.grid.shape))]
+
+    def certify(self) -> bool:
+        """Bound the error of v; True once it is within the tolerance."""
+        above, below = sweeps.residual_bounds(*self.stencil, self.shape.screening, self.buffer)
+        self.num_sweeps += 1
+        self.bound = max(above, below) if above < 1 else np.inf
+        self.residual = max(above, below)
+        return bool(self.bound <= self.tol)
+
+    def start_from_coarse(self) -> None:
+        """Scale the start by the ratio of field to start at half the resolution."""
+        fine = self.shape.grid
+        coarse = Field(self.shape.coarse(), COARSE_TOL, None, self.check)
+        coarse.run()
+        levels.scale_by_parents(
+            self.v, fine.starts, fine.ends, fine.strides, coarse.v, coarse.shape.distance, coarse.shape.profile,
+            coarse.shape.grid.strides,
+        )  # fmt: skip
+        share = coarse.shape.grid.pixels / fine.pixels
+        self.num_sweeps += coarse.num_sweeps * share
+
+    def iterate(self) -> None:
+        """Sweep and solve in turn until certified, or the sweeps are used up."""
+        system = chains.PolicySystem(self.shape.grid, self.shape.screening)
+        count = SWEEPS
+        best = np.inf
+        while self.num_sweeps + 1 < self.limit:
+            self.check()
+            count = int(min(count, self.limit - self.num_sweeps - 1))
+            sweeps.sweep(*self.stencil, self.shape.screening, count, self.buffer)
+            self.num_sweeps += count
+            if self.certify():
+                break
+            if self.residual > best / 2:
+                count *= 2
+            best = min(best, self.residual)
+            tie = max(TIE * float(self.shape.profile[-1]), NOISE * self.residual)
+            sweeps.choose_policies(*self.stencil, self.shape.grid.block, tie, system.up, system.down, self.buffer)
+            system.solve(self.v, max(NOISE * self.residual, 1e-13 * float(self.shape.profile[-1])))
+            self.num_solves += 1
+            if self.certify():
+                break
