@@ -1,5 +1,8 @@
 """Settings of the documentation; built by `make docs`, with warnings as errors."""
 
+import re
+from typing import Any
+
 import torchlinf
 
 project = "torchlinf"
@@ -27,6 +30,8 @@ napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 # A dataclass documents its fields under "Attributes:"; as cross-reference targets they would appear twice.
 napoleon_use_ivar = True
+# `x` in a docstring is code.
+default_role = "code"
 
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
@@ -47,3 +52,20 @@ sphinx_gallery_conf = {
 
 html_theme = "furo"
 html_title = f"torchlinf {release}"
+
+
+def escape_formulas(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Keep stars and bars of docstrings as they are: they belong to shapes and formulas, `(*lead, L)` and `|x|`.
+
+    Docstrings are read in the source and by help() more often than here, so they stay free of backslashes.
+    """
+    for i, line in enumerate(lines):
+        if not line.lstrip().startswith((">>>", "...")):
+            parts = re.split(r"(`+[^`]*`+)", line)
+            parts[::2] = [re.sub(r"(?<!\\)(\*(?=\w)|\|)", r"\\\1", part) for part in parts[::2]]
+            lines[i] = "".join(parts)
+
+
+def setup(app: Any) -> None:
+    """Run before napoleon, which turns the sections of a docstring into markup (it has the default priority, 500)."""
+    app.connect("autodoc-process-docstring", escape_formulas, priority=100)
