@@ -1,4 +1,4 @@
-"""Storage in which a sweep over many shapes is a few operations on long contiguous runs."""
+"""Storage in which a sweep over many shapes is a few operations on long contiguous runs, and the sweeps on it."""
 
 import math
 
@@ -59,43 +59,56 @@ def _box(mask: Tensor) -> tuple[slice, ...]:
 
 
 class System:
-    """The equation on the shapes that are still in the batch: sweeps and certificates on a layout's lines.
+    """The equation on the shapes that are still in the batch: sweeps and residuals on the lines of a layout.
 
-    Only sums, products, maxima and minima of single entries occur, each rounded once, and reductions by maximum. So
-    the numbers of a shape depend on nothing else in the batch, nor on its place or orientation in the grid.
+    Only sums, products, maxima and minima of single entries occur, each rounded once in an order that no symmetry of
+    the grid changes, and maxima over all pixels. So the numbers of a shape depend neither on what else is in the batch
+    nor on the place and orientation of the shape in its grid. Operations that may fuse a product with a sum (addcmul,
+    lerp) are avoided: torch rounds them differently at the end of a run, hence differently in another batch.
+
+    Attributes:
+        layout: where the shapes lie.
+        inside: 1 on the shapes, 0 elsewhere, ``(N, pixels)`` of the dtype of v.
+        screening: s, ``(N, 1)``.
+        radius: D, ``(N,)`` int64.
     """
 
     def __init__(self, layout: Layout, inside: Tensor, screening: Tensor, radius: Tensor) -> None:
-        """``inside``: ``(N, pixels)``, 0 or 1, of the dtype of ``screening`` ``(N,)``."""
         self.layout = layout
         self.inside = inside
-        self.screening = screening[:, None]
+        self.screening = screening
         self.radius = radius
-        self._weight = inside / (2 + self.screening)
-        self._high, self._low, self._pairs = (layout.line(inside) for _ in range(3))
+        self._weight = inside / (2 + screening)
+        self._half_weight = self._weight / 2
+        self._high, self._low, self._pairs = (layout.line(torch.zeros_like(inside)) for _ in range(3))
 
     def select(self, keep: Tensor) -> "System":
         """The system of the shapes with these indices."""
-        return System(self.layout, self.inside[keep], self.screening[keep, 0], self.radius[keep])
+        return System(self.layout, self.inside[keep], self.screening[keep], self.radius[keep])
 
     def sweep(self, line: Tensor, out: Tensor) -> None:
-        """out = T v = (M v + N v + 1) / (2 + s) on the shapes, 0 outside, for rows of v on ``line``."""
+        """out = T v = (M v + N v + 1) / (2 + s) on the shapes and 0 elsewhere, ``(N, pixels)``, for v on ``line``."""
         high, low = self._extrema(line)
-        torch.add(high, low, out=out)
-        out.add_(1).mul_(self._weight)
+        torch.add(high, low, out=out).add_(1).mul_(self._weight)
+
+    def average(self, line: Tensor, out: Tensor) -> None:
+        """out = (v + T v) / 2, ``(N, pixels)``, for v on ``line``."""
+        high, low = self._extrema(line)
+        torch.add(high, low, out=out).add_(1).mul_(self._half_weight)
+        # half of v is exact, so this sum is rounded once, fused or not
+        out.add_(self.layout.rows(line), alpha=0.5)
 
     def residual(self, line: Tensor) -> Tensor:
-        """R(v) as :func:`torchlinf._stencil.residual` takes it, ``(N, pixels)``; overwritten by the next call."""
+        """R(v) as :func:`torchlinf._stencil.residual` takes it, ``(N, pixels)``; the next call overwrites it."""
         high, low = self._extrema(line)
         value = self.layout.rows(line)
         high.sub_(value)
-        low.sub_(value)
-        high.add_(low)
+        high.sub_(torch.sub(value, low, out=low))
         torch.mul(value, self.screening, out=low)
-        high.add_(torch.sub(1, low, out=low))
-        return high.mul_(self.inside)
+        return high.add_(torch.sub(1, low, out=low)).mul_(self.inside)
 
     def _extrema(self, line: Tensor) -> tuple[Tensor, Tensor]:
+        """M v and N v, ``(N, pixels)`` each; right on the shapes, arbitrary elsewhere."""
         for extremum, target in ((torch.maximum, self._high), (torch.minimum, self._low)):
             source = line
             for stride in self.layout.strides:

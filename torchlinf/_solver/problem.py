@@ -47,8 +47,8 @@ class Solved:
 def certify(residuals: Tensor) -> Tensor:
     """Relative error bound from the residuals R(v) of each shape.
 
-    With p = max R^+ < 1 and q = max R^-: v / (1 - p) has residual (R - p) / (1 - p) <= 0, so it lies above f, and
-    v / (1 + q) has residual (R + q) / (1 + q) >= 0, so it lies below f. Hence -p f <= v - f <= q f... at every pixel.
+    With p = max R^+ < 1 and q = max R^-: v / (1 - p) has the residual (R - p) / (1 - p) <= 0, so it is nowhere below f,
+    and v / (1 + q) has the residual (R + q) / (1 + q) >= 0, so it is nowhere above f. Hence -p f <= v - f <= q f.
 
     Args:
         residuals: ``(N, P)``, 0 outside the shapes.
