@@ -9,15 +9,16 @@ policy every strongly connected component is one chain; what a wrong policy ties
 A chain is named by its place on Tarjan's stack, so that what is known of it lives in the few arrays that are in cache.
 """
 
+import math
+
 import numpy as np
 
 from torchlinf._kernels._compile import kernel
 from torchlinf._kernels.components import HEAD, LAST, dependency, solve_component
 from torchlinf._kernels.grid import Grid
-from torchlinf._kernels.thomas import solve_chain, thomas_factors
+from torchlinf._kernels.thomas import DONE, solve_chain, thomas_factors
 
 LOW, VISITED, CALLER = 2, 3, 4  # rows of `chains`: low link, dependencies looked at, the chain that asked for it
-DONE = np.iinfo(np.int32).max
 
 
 class PolicySystem:
@@ -26,10 +27,11 @@ class PolicySystem:
     def __init__(self, grid: Grid, screening: float) -> None:
         """Allocate for a grid."""
         self.grid = grid
-        self.up = np.zeros(grid.size, np.int32)
-        self.down = np.zeros(grid.size, np.int32)
+        size = math.prod(grid.shape)
+        self.up = np.zeros(size, np.int32)
+        self.down = np.zeros(size, np.int32)
         self._screening = screening
-        self._owner = np.full(grid.size, DONE, np.int32)
+        self._owner = np.full(size, DONE, np.int32)
         self._chains = np.empty((5, grid.pixels), np.int32)
         self._factors = thomas_factors(grid.pixels, screening)
         self._work = np.empty(grid.pixels)
@@ -83,15 +85,6 @@ def _solve_single(v, x, up, down, owner, factors):  # type: ignore[no-untyped-de
 
 
 @kernel
-def _mark_done(head, last, owner, up):  # type: ignore[no-untyped-def]
-    x = head
-    owner[x] = DONE
-    while x != last:
-        x = up[x]
-        owner[x] = DONE
-
-
-@kernel
 def solve_policies(v, starts, ends, up, down, factors, screening, tol, owner, chains, work):  # type: ignore[no-untyped-def]
     """Overwrite v with the solution of the policy system; components that are no chain are solved to `tol`.
 
@@ -136,13 +129,11 @@ def solve_policies(v, starts, ends, up, down, factors, screening, tol, owner, ch
                     chains[LOW, caller] = min(chains[LOW, caller], low)
                 else:
                     if height == chain + 1 and side == 2:
-                        solve_chain(v, chains[HEAD, chain], chains[LAST, chain], up, down, factors, screening, work)
+                        solve_chain(v, chains[HEAD, chain], chains[LAST, chain], up, down, factors, screening, work, owner)
                     else:
                         unknowns += solve_component(
                             v, chain, height, chains, owner, up, down, factors, screening, tol, work
                         )
-                    for member in range(chain, height):
-                        _mark_done(chains[HEAD, member], chains[LAST, member], owner, up)
                     height = chain
                 chain = caller
     return unknowns

@@ -35,7 +35,7 @@ def solve_component(v, first, stop, chains, owner, up, down, factors, screening,
         v[targets[j]] = x[j]
         owner[targets[j]] = -owner[targets[j]]
     for chain in range(first, stop):
-        solve_chain(v, chains[HEAD, chain], chains[LAST, chain], up, down, factors, screening, work)
+        solve_chain(v, chains[HEAD, chain], chains[LAST, chain], up, down, factors, screening, work, owner)
     return targets.size
 
 

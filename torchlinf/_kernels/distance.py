@@ -1,6 +1,19 @@
 """Exact chessboard distance in two raster passes."""
 
+import math
+
+import numpy as np
+
 from torchlinf._kernels._compile import kernel
+from torchlinf._kernels.grid import Grid
+
+
+def chessboard_of(grid: Grid) -> np.ndarray:
+    """Distance of every pixel of a padded grid to the nearest outside pixel, flat int32."""
+    distance = np.zeros(math.prod(grid.shape), dtype=np.int32)
+    scratch = np.empty(grid.shape[-1], dtype=np.int32)
+    chessboard(distance, grid.starts, grid.ends, grid.rows, scratch)
+    return distance
 
 
 @kernel

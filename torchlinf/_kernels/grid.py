@@ -1,5 +1,6 @@
 """One shape on its own grid: cropped to its box, padded by one outside pixel, seen as flat arrays."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ class Grid:
         block: flat offsets of the 3^n block, ascending.
         rows: flat offsets of the 3^(n-1) rows that the block touches, ascending, in threes: the kernels fuse three
             rows at a time, and in 1-D the only row is given three times.
+        pixels: number of inside pixels.
     """
 
     shape: tuple[int, ...]
@@ -27,28 +29,36 @@ class Grid:
     ends: np.ndarray
     block: np.ndarray
     rows: np.ndarray
-
-    @property
-    def size(self) -> int:
-        """Number of pixels, padding included."""
-        return int(np.prod(self.shape))
-
-    @property
-    def pixels(self) -> int:
-        """Number of inside pixels."""
-        return int((self.ends - self.starts).sum())
+    pixels: int
 
 
 def make_grid(padded: np.ndarray) -> Grid:
     """The grid of a padded mask."""
-    shape = padded.shape
-    strides = [int(np.prod(shape[axis + 1 :])) for axis in range(len(shape))]
+    strides = row_strides(padded.shape)
     rows = [0]
     for stride in strides[:-1]:
         rows = [row + step * stride for row in rows for step in (-1, 0, 1)]
     block = np.array(sorted(row + step for row in rows for step in (-1, 0, 1)))
     rows = sorted(rows) if len(rows) > 1 else rows * 3
-    return Grid(shape, np.array(strides), *find_runs(padded.reshape(-1)), block, np.array(rows))
+    starts, ends, pixels = find_runs(padded.reshape(-1))
+    return Grid(padded.shape, np.array(strides), starts, ends, block, np.array(rows), pixels)
+
+
+def row_strides(shape: tuple[int, ...]) -> list[int]:
+    """Strides of a contiguous array, in elements."""
+    return [math.prod(shape[axis + 1 :]) for axis in range(len(shape))]
+
+
+def pad(values: np.ndarray) -> np.ndarray:
+    """A copy with one ring of zeros around it."""
+    padded = np.zeros([size + 2 for size in values.shape], values.dtype)
+    padded[interior(values.ndim)] = values
+    return padded
+
+
+def interior(ndim: int) -> tuple[slice, ...]:
+    """The padded array without its ring."""
+    return (slice(1, -1),) * ndim
 
 
 def crop(mask: np.ndarray) -> tuple[slice, ...]:
@@ -62,7 +72,7 @@ def crop(mask: np.ndarray) -> tuple[slice, ...]:
 
 @kernel
 def find_runs(inside):  # type: ignore[no-untyped-def]
-    """Starts and ends (exclusive) of the runs of inside pixels in a flat padded mask."""
+    """Starts and ends (exclusive) of the runs of inside pixels in a flat padded mask, and how many these are."""
     count = 0
     for x in range(1, inside.size):
         if inside[x] and not inside[x - 1]:
@@ -76,4 +86,4 @@ def find_runs(inside):  # type: ignore[no-untyped-def]
         elif inside[x - 1] and not inside[x]:
             ends[run] = x
             run += 1
-    return starts, ends
+    return starts, ends, (ends - starts).sum()

@@ -1,5 +1,7 @@
 """From one resolution to the next: a shape at half the side, and its field as a start for the full one."""
 
+import numpy as np
+
 from torchlinf._kernels._compile import kernel
 
 
@@ -21,6 +23,21 @@ def coarsen(starts, ends, strides, parents, parent_strides):  # type: ignore[no-
         first = _parent_row(starts[run], strides, parent_strides)
         last = _parent_row(ends[run] - 1, strides, parent_strides)
         parents[first : last + 1] = True
+
+
+@kernel
+def square_profile(radius, screening):  # type: ignore[no-untyped-def]
+    """g_D(k), k = 0 .. D: the field of a square of radius D on its levels, a chain that ends in a peak."""
+    pivots = np.empty(radius + 1)
+    profile = np.zeros(radius + 1)
+    pivots[0] = 0.0
+    for k in range(1, radius + 1):
+        pivots[k] = 1.0 / (2.0 + screening - pivots[k - 1])
+        profile[k] = (1.0 + profile[k - 1]) * pivots[k]
+    profile[radius] /= 1.0 - pivots[radius]
+    for k in range(radius - 1, 0, -1):
+        profile[k] += pivots[k] * profile[k + 1]
+    return profile
 
 
 @kernel

@@ -78,24 +78,22 @@ def choose_policies(v, starts, ends, rows, block, tie, up, down, buffer):  # typ
     The canonical tie rule: among the neighbours within `tie` of the extremum the pixel itself if it is one, else the
     one of smallest index. Without it, values that are equal in exact arithmetic would make chains zigzag.
     """
-    high, low, step_up, step_down = buffer[0], buffer[1], buffer[2], buffer[3]
+    high, low = buffer[0], buffer[1]
     for run in range(starts.size):
         start = starts[run]
         length = ends[run] - start
         _row_extrema(v, rows, start - 1, length + 2, high, low)
-        for j in range(length):  # columns j .. j + 2 are read before column j is overwritten
-            high[j] = max(max(high[j], high[j + 1]), high[j + 2]) - tie
-            low[j] = min(min(low[j], low[j + 1]), low[j + 2]) + tie
-        # Steps are kept as float64 here: selects of one width vectorise. The last writer wins, hence the order.
-        for k in range(block.size - 1, -2, -1):
-            step = block[k] if k >= 0 else 0
-            values = v[start + step : start + step + length]
-            for j in range(length):
-                step_up[j] = step if values[j] >= high[j] else step_up[j]
-            for j in range(length):
-                step_down[j] = step if values[j] <= low[j] else step_down[j]
-        ups = up[start : start + length]
-        downs = down[start : start + length]
         for j in range(length):
-            ups[j] = start + j + np.int32(step_up[j])
-            downs[j] = start + j + np.int32(step_down[j])
+            x = start + j
+            most = max(max(high[j], high[j + 1]), high[j + 2]) - tie
+            least = min(min(low[j], low[j + 1]), low[j + 2]) + tie
+            up[x] = x if v[x] >= most else _first_beyond(v, x, block, most, 1.0)
+            down[x] = x if v[x] <= least else _first_beyond(v, x, block, -least, -1.0)
+
+
+@kernel
+def _first_beyond(v, x, block, bound, sign):  # type: ignore[no-untyped-def]
+    for offset in block:
+        if sign * v[x + offset] >= bound:
+            return x + offset
+    return x

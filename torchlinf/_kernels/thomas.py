@@ -4,6 +4,8 @@ import numpy as np
 
 from torchlinf._kernels._compile import kernel
 
+DONE = np.iinfo(np.int32).max  # the owner of a pixel whose value is known, and of all pixels outside
+
 
 @kernel
 def thomas_factors(length, screening):  # type: ignore[no-untyped-def]
@@ -16,8 +18,8 @@ def thomas_factors(length, screening):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def solve_chain(v, head, last, up, down, factors, screening, work):  # type: ignore[no-untyped-def]
-    """Solve one chain in place, given the values at the two pixels that it depends on.
+def solve_chain(v, head, last, up, down, factors, screening, work, owner):  # type: ignore[no-untyped-def]
+    """Solve one chain in place, given the values at the two pixels that it depends on, and mark it as done.
 
     The top of a peak is its own up neighbour: its diagonal is 1 + s, and y / (1 - c_i) takes it from the table.
     A pixel that is its own down neighbour as well stands on a plateau, where v = 1/s. If it is no peak, the policy is
@@ -25,6 +27,7 @@ def solve_chain(v, head, last, up, down, factors, screening, work):  # type: ign
     """
     if down[head] == head and up[head] == head:
         v[head] = 1.0 / screening
+        owner[head] = DONE
         return
     y = v[down[head]]
     x = head
@@ -38,11 +41,13 @@ def solve_chain(v, head, last, up, down, factors, screening, work):  # type: ign
         i += 1
     value = y / (1.0 - factors[i]) if up[last] == last else y + factors[i] * v[up[last]]
     v[last] = value
+    owner[last] = DONE
     while i > 0:
         i -= 1
         x = down[x]
         value = work[i] + factors[i] * value
         v[x] = value
+        owner[x] = DONE
 
 
 @kernel

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from torchlinf._kernels import chains, distance, grid, levels, sweeps, thomas
+from torchlinf._kernels import chains, distance, grid, levels, sweeps
 from torchlinf._parallel import for_each
 from torchlinf._solver.problem import Problem, Solved
-from torchlinf._solver.start import square_profile
 from torchlinf._solver.status import Status
 
 SWEEPS = 32  # between two solves; doubled where progress stalls, which ends since sweeps alone converge
@@ -58,18 +57,14 @@ class Shape:
     @classmethod
     def from_mask(cls, mask: np.ndarray, screening: float, known: np.ndarray | None = None) -> "Shape":
         """A shape from its cropped mask; `known` is its distance if that is known."""
-        padded = np.pad(mask, 1)
+        return cls.from_padded(grid.pad(mask), screening, None if known is None else grid.pad(known).reshape(-1))
+
+    @classmethod
+    def from_padded(cls, padded: np.ndarray, screening: float, known: np.ndarray | None = None) -> "Shape":
+        """The same from a mask with its ring of outside pixels."""
         geometry = grid.make_grid(padded)
-        flat = np.zeros(geometry.size, dtype=np.int32)
-        if known is None:
-            scratch = np.empty(geometry.shape[-1] + 2, dtype=np.int32)
-            distance.chessboard(flat, geometry.starts, geometry.ends, geometry.rows, scratch)
-        else:
-            flat.reshape(geometry.shape)[_interior(mask.ndim)] = known
-        radius = int(flat.max())
-        s = torch.tensor([screening], dtype=torch.float64)
-        profile = square_profile(torch.tensor([radius]), s, radius + 1)[0].numpy()
-        return cls(geometry, flat, screening, profile)
+        flat = distance.chessboard_of(geometry) if known is None else known
+        return cls(geometry, flat, screening, levels.square_profile(int(flat.max()), screening))
 
     @property
     def radius(self) -> int:
@@ -80,13 +75,9 @@ class Shape:
         """The shape at half the side: a pixel of it is inside if any of the 2^n pixels under it is."""
         sizes = tuple((size - 1) // 2 for size in self.grid.shape)  # half of the unpadded size, rounded up
         padded = np.zeros([size + 2 for size in sizes], dtype=np.bool_)
-        strides = np.array(padded.strides)
+        strides = np.array(grid.row_strides(padded.shape))
         levels.coarsen(self.grid.starts, self.grid.ends, self.grid.strides, padded.reshape(-1), strides)
-        return Shape.from_mask(padded[_interior(padded.ndim)], 4 * self.screening)
-
-
-def _interior(ndim: int) -> tuple[slice, ...]:
-    return (slice(1, -1),) * ndim
+        return Shape.from_padded(padded, 4 * self.screening)
 
 
 class Field:
@@ -97,7 +88,7 @@ class Field:
         self.shape = shape
         self.check = check
         self.limit = 20_000 + 200 * shape.radius if max_sweeps is None else max_sweeps
-        self.v = np.zeros(shape.grid.size)
+        self.v = np.zeros(shape.distance.size)
         self.buffer = np.empty((4, shape.grid.shape[-1]))
         self.tol = max(tol, 4 * np.finfo(np.float64).eps * float(shape.profile[-1]))
         self.stencil = (self.v, shape.grid.starts, shape.grid.ends, shape.grid.rows)
@@ -123,7 +114,7 @@ class Field:
             if self.shape.radius > COARSEST:
                 self.start_from_coarse()
             self.iterate()
-        return self.v.reshape(self.shape.grid.shape)[_interior(len(self.shape.grid.shape))]
+        return self.v.reshape(self.shape.grid.shape)[grid.interior(len(self.shape.grid.shape))]
 
     def certify(self) -> bool:
         """Bound the error of v; True once it is within the tolerance."""
