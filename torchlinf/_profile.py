@@ -2,15 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from torchlinf._checks import window
 from torchlinf.entropy import first_level, segment_sum
-
-Nested: TypeAlias = Tensor | list["Nested"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +33,7 @@ class ComplexityProfile:
     error_bound: Tensor
     level_values: Tensor
 
-    def levels(self) -> Nested:
+    def levels(self) -> Any:
         """Values of the levels themselves, without a scale grid.
 
         Returns:
@@ -76,7 +74,7 @@ class ComplexityProfile:
         """
         low, high = window(low, high)
         shape, number = self._numbered()
-        size = self.radius.flatten()[shape]  # (sum of radius,) the D that belongs to each level
+        size = self.radius.flatten().to(self.level_values)[shape]  # (sum of radius,) the D that belongs to each level
         overlap = ((number / size).clamp(max=high) - ((number - 1) / size).clamp(min=low)).clamp(min=0.0)
         bound = torch.full_like(
             self.radius.flatten(), 32
@@ -103,7 +101,7 @@ class ComplexityProfile:
         # Levels that do not reach the maximum stand behind every level that does.
         rank = torch.where(self.level_values == value[shape], number, number + radius[shape])
         first = radius.scatter_reduce(0, shape, rank, "amin", include_self=False)
-        return self._lead(value), self._lead(first / radius)
+        return self._lead(value), self._lead(first / radius.to(value))
 
     def _numbered(self) -> tuple[Tensor, Tensor]:
         """For each entry of `level_values` its shape in the flattened batch, and its level k."""
@@ -115,7 +113,7 @@ class ComplexityProfile:
         return flat.reshape(self.radius.shape).to(self.values.dtype)
 
 
-def _nest(parts: Sequence[Tensor], lead: tuple[int, ...]) -> Nested:
+def _nest(parts: Sequence[Tensor], lead: tuple[int, ...]) -> Any:
     if not lead:
         return parts[0]
     step = len(parts) // max(lead[0], 1)

@@ -154,6 +154,8 @@ def _scale_grid(scales: Tensor | Sequence[float] | None) -> tuple[Tensor, float]
         scales = torch.arange(1, 101, dtype=torch.float64) / 100
     elif not isinstance(scales, Tensor):
         scales = torch.tensor(scales, dtype=torch.float64)
+    if scales.is_complex():
+        raise TypeError(f"scales must be real numbers; got {scales.dtype}. Pass scales.real.")
     if scales.ndim != 1 or len(scales) == 0:
         raise ValueError(
             f"scales must be one row of numbers; got shape {tuple(scales.shape)}. Pass for example scales=[0.1, 0.5]."

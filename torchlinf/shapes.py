@@ -122,7 +122,7 @@ def superellipse(radius: float, exponent: float, *, margin: int = 0) -> Tensor:
     """
     powers = (_offsets(positive(radius, "radius")).abs() / radius) ** positive(exponent, "exponent")
     # Points that lie on the curve exactly, such as (3, 4) for radius 5, must not fall out by rounding.
-    return _with_margin(powers[:, None] + powers <= 1 + 1e-12, margin)
+    return _with_margin(powers[:, None] + powers <= 1 + 4 * torch.finfo(powers.dtype).eps, margin)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,101 @@
+"""The public names and signatures are fixed: other people's code is written against them."""
+
+import dataclasses
+import inspect
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+
+import pytest
+import torch
+
+import torchlinf
+from torchlinf import shapes
+
+SOLVE = "rho=None, tol=1e-09"
+PROFILE = f"bins=1024, estimator='entropy', {SOLVE}, method='auto', spatial_ndim=None, dtype=None"
+
+
+def parameters(function: Callable[..., object]) -> str:
+    """Names, order, kinds and defaults, without annotations."""
+    signature = inspect.signature(function)
+    bare = [p.replace(annotation=inspect.Parameter.empty) for p in signature.parameters.values()]
+    return str(inspect.Signature(bare))
+
+
+def test_the_public_names() -> None:
+    assert torchlinf.__all__ == [
+        "ComplexityProfile",
+        "FieldSolution",
+        "Status",
+        "chessboard_distance",
+        "complexity",
+        "complexity_profile",
+        "linf_field",
+        "shapes",
+        "solve_field",
+    ]
+    for name in torchlinf.__all__:
+        assert getattr(torchlinf, name).__doc__
+
+
+def test_the_version_has_three_numbers() -> None:
+    assert re.fullmatch(r"\d+\.\d+\.\d+", torchlinf.__version__)
+
+
+@pytest.mark.parametrize(
+    ("function", "expected"),
+    [
+        (torchlinf.chessboard_distance, "(mask, *, spatial_ndim=None)"),
+        (
+            torchlinf.solve_field,
+            f"(mask, *, {SOLVE}, method='auto', max_sweeps=None, throw=True, spatial_ndim=None, dtype=None)",
+        ),
+        (torchlinf.linf_field, f"(mask, *, {SOLVE}, spatial_ndim=None, dtype=None)"),
+        (torchlinf.complexity_profile, f"(mask, *, scales=None, {PROFILE})"),
+        (torchlinf.complexity, f"(mask, *, low=0.0, high=1.0, {PROFILE})"),
+        (torchlinf.ComplexityProfile.mean, "(self, low=0.0, high=1.0)"),
+        (torchlinf.ComplexityProfile.levels, "(self)"),
+        (torchlinf.ComplexityProfile.peak, "(self)"),
+        (shapes.square, "(side, *, margin=0)"),
+        (shapes.box, "(*sides, margin=0)"),
+        (shapes.disc, "(radius, *, margin=0)"),
+        (shapes.superellipse, "(radius, exponent, *, margin=0)"),
+        (shapes.Appendage, "(face, width, depth, offset=None)"),
+        (shapes.with_appendages, "(sides, appendages, *, margin=0)"),
+        (shapes.cube_with_appendages, "(side, appendage_side, faces, *, margin=0)"),
+    ],
+)
+def test_signatures(function: Callable[..., object], expected: str) -> None:
+    assert parameters(function) == expected
+
+
+def test_the_fields_of_the_results() -> None:
+    names = [field.name for field in dataclasses.fields(torchlinf.FieldSolution)]
+    assert names == ["value", "error_bound", "num_sweeps", "num_solves", "status"]
+    names = [field.name for field in dataclasses.fields(torchlinf.ComplexityProfile)]
+    assert names == ["scales", "values", "radius", "error_bound", "level_values"]
+
+
+def test_results_cannot_be_changed_and_compare_by_identity() -> None:
+    profile = torchlinf.complexity_profile(torch.ones(1, 1, 3, 4))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        profile.radius = torch.zeros(1)  # type: ignore[misc]
+    # Comparing tensors by value would give no single truth, so equality is that of the object.
+    assert profile in [profile]
+    assert profile != torchlinf.complexity_profile(torch.ones(1, 1, 3, 4))
+
+
+def test_each_status_comes_with_a_sentence_of_advice() -> None:
+    assert [status.name for status in torchlinf.Status] == ["CONVERGED", "MAX_SWEEPS", "EMPTY", "NONFINITE"]
+    for status in torchlinf.Status:
+        assert status.advice.endswith(".")
+
+
+def test_importing_the_package_imports_nothing_heavy_beside_torch() -> None:
+    code = "import sys, torch; before = set(sys.modules); import torchlinf; print(*set(sys.modules) - before)"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    packages = {name.partition(".")[0] for name in out.split()}
+    assert "torchlinf" in packages
+    assert not packages & {"numba", "skimage", "scipy", "matplotlib", "typer", "rich", "PIL", "kornia", "torchmetrics"}
