@@ -30,6 +30,7 @@ napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 # A dataclass documents its fields under "Attributes:"; as cross-reference targets they would appear twice.
 napoleon_use_ivar = True
+napoleon_use_rtype = False
 # `x` in a docstring is code.
 default_role = "code"
 

@@ -30,15 +30,12 @@ for name, mask in masks.items():
 # have the same form. Where they part, a level of *t* holds different values of *f*, and the entropy of those values is
 # the complexity at that scale.
 
-fig, axes = plt.subplots(2, 3, figsize=(9, 6), layout="constrained")
+fig, axes = plt.subplots(2, 3, figsize=(9, 6.5), layout="constrained")
 for column, (name, mask) in zip(axes.T, masks.items(), strict=True):
-    plot.levels(mask, of="distance", ax=column[0])
-    plot.levels(mask, of="field", ax=column[1])
-    column[0].set_title(name)
-    for ax in column:
+    for ax, of in zip(column, ("distance", "field"), strict=True):
+        plot.levels(mask, of=of, ax=ax)
         ax.set_axis_off()
-fig.text(-0.02, 0.73, "levels of t", rotation=90, va="center")
-fig.text(-0.02, 0.25, "levels of f", rotation=90, va="center")
+        ax.set_title(f"{name}: {'t' if of == 'distance' else 'f'}")
 plt.show()
 
 # %%
