@@ -13,13 +13,13 @@ def as_mask(mask: Tensor, spatial_ndim: int | None = None, name: str = "mask") -
     """Check a binary mask and lay its shapes in a row.
 
     Args:
-        mask: ``(B, C, *spatial)`` with 1 to 4 spatial dimensions; with ``spatial_ndim`` any number of leading
+        mask: `(B, C, *spatial)` with 1 to 4 spatial dimensions; with `spatial_ndim` any number of leading
             dimensions. Bool, integer or real dtype, every value 0 or 1, any strides.
         spatial_ndim: how many of the last dimensions are spatial; None means all after the first two.
         name: what the messages call the argument.
 
     Returns:
-        The mask as bool ``(N, *spatial)`` and the leading shape, whose product is N (1 for no leading dimension).
+        The mask as bool `(N, *spatial)` and the leading shape, whose product is N (1 for no leading dimension).
 
     Raises:
         TypeError: no tensor, or a complex one.
@@ -87,7 +87,7 @@ def _binary(mask: Tensor, name: str) -> Tensor:
 
 
 def positive(value: float, name: str) -> float:
-    """Return ``value`` as a float if it is a finite number above 0, else raise.
+    """Return `value` as a float if it is a finite number above 0, else raise.
 
     >>> positive(1, "tol")
     1.0
@@ -100,8 +100,31 @@ def positive(value: float, name: str) -> float:
     return number
 
 
+def positive_tensor(value: Tensor, shape: tuple[int, ...], name: str) -> Tensor:
+    """Return `value` broadcast to `shape` if all of it is real, finite and above 0, else raise.
+
+    >>> positive_tensor(torch.tensor([2.0]), (2,), "rho")
+    tensor([2., 2.])
+    """
+    if value.is_complex() or value.dtype == torch.bool:
+        raise TypeError(f"{name} must be a real tensor; got {value.dtype}. Pass lengths in pixels as float64.")
+    value = value.detach()
+    wrong = ~(value.isfinite() & (value > 0))
+    if wrong.any():
+        raise ValueError(
+            f"{name} must be finite and above 0; got {value[wrong].flatten()[0].item()}. Pass positive numbers."
+        )
+    try:
+        return value.broadcast_to(shape)
+    except RuntimeError:
+        raise ValueError(
+            f"{name} must broadcast to the leading shape {shape}; got {tuple(value.shape)}. "
+            "Pass a number, or one value a shape."
+        ) from None
+
+
 def count(value: int, name: str) -> int:
-    """Return ``value`` as an int if it is an integer of 1 or more, else raise.
+    """Return `value` as an int if it is an integer of 1 or more, else raise.
 
     >>> count(3, "bins")
     3
@@ -131,7 +154,7 @@ def window(low: float, high: float) -> tuple[float, float]:
 
 
 def choice(value: str, options: tuple[str, ...], name: str) -> str:
-    """Return ``value`` if it is one of ``options``, else raise.
+    """Return `value` if it is one of `options`, else raise.
 
     >>> choice("std", ("entropy", "std"), "estimator")
     'std'
@@ -143,7 +166,7 @@ def choice(value: str, options: tuple[str, ...], name: str) -> str:
 
 
 def real_dtype(dtype: torch.dtype | None, name: str = "dtype") -> torch.dtype | None:
-    """Return ``dtype`` if it is None or a real floating-point dtype, else raise.
+    """Return `dtype` if it is None or a real floating-point dtype, else raise.
 
     >>> real_dtype(torch.float32)
     torch.float32

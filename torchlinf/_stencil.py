@@ -14,11 +14,11 @@ def block_max(x: Tensor, ndim: int) -> Tensor:
     """Maximum over the 3^n block of every pixel; what lies beyond the array counts as 0.
 
     Args:
-        x: ``(..., *spatial)``, any real dtype.
+        x: `(..., *spatial)`, any real dtype.
         ndim: n, the number of spatial (last) dimensions.
 
     Returns:
-        Tensor like ``x``.
+        Tensor like `x`.
 
     >>> block_max(torch.tensor([1, 5, 2, -3]), 1).tolist()
     [5, 5, 5, 2]
@@ -30,11 +30,11 @@ def block_min(x: Tensor, ndim: int) -> Tensor:
     """Minimum over the 3^n block of every pixel; what lies beyond the array counts as 0.
 
     Args:
-        x: ``(..., *spatial)``, any real dtype.
+        x: `(..., *spatial)`, any real dtype.
         ndim: n, the number of spatial (last) dimensions.
 
     Returns:
-        Tensor like ``x``.
+        Tensor like `x`.
 
     >>> block_min(torch.tensor([1, 5, 2, 3]), 1).tolist()
     [0, 1, 2, 0]
@@ -57,12 +57,12 @@ def residual(value: Tensor, mask: Tensor, screening: Tensor) -> Tensor:
     are exact in floating point, so R is known to a few ulps of 1 and of s v instead of ulps of 2 v.
 
     Args:
-        value: v, ``(N, *spatial)``, 0 outside the shapes.
-        mask: ``(N, *spatial)`` bool.
-        screening: s = 1 / rho^2, ``(N,)``.
+        value: v, `(N, *spatial)`, 0 outside the shapes.
+        mask: `(N, *spatial)` bool.
+        screening: s = 1 / rho^2, `(N,)`.
 
     Returns:
-        Tensor like ``value``.
+        Tensor like `value`.
 
     >>> residual(torch.tensor([[0.5]]), torch.tensor([[True]]), torch.tensor([1.0])).tolist()
     [[0.0]]

@@ -10,19 +10,19 @@ TEST_EVERY = 16
 
 
 class Accelerated:
-    """x <- (y + T y) / 2 at y = x + b (x - x_prev), section "The accelerated method" of docs/method.
+    """x <- (y + T y) / 2 at y = x + b (x - x_prev); see docs/method, "How it is solved".
 
     Without the averaging the momentum diverges. Each shape has its own b = min(1 - 1.85 / D, (k - 1) / (k + 2)), k
     counting its steps since its last restart. The cap is the best one for a chain of pixels of length D: there the
-    smallest eigenvalue of the averaged step is q = (1 + pi^2 / 4) / (4 D^2), and (1 - sqrt q) / (1 + sqrt q) is close to
-    1 - 1.86 / D.
+    smallest eigenvalue of the averaged step is q = (1 + pi^2 / 4) / (4 D^2), and the optimal momentum
+    (1 - sqrt q) / (1 + sqrt q) is close to 1 - 1.86 / D.
 
-    Every 16th step is tested. A shape restarts if the step y -> x is longer, by its maximum, than at the test before, or
-    if at most pixels it points against the step x_prev -> x. The usual test takes the sign of the inner product of the
-    two; counting pixels is as good here, and unlike a floating-point sum a count does not depend on the order of the
-    pixels, so neither do the results on the batch or on flips of the mask.
+    Every 16th step is tested. A shape restarts if the step y -> x is longer, by its maximum, than at the last test, or
+    if at most pixels it points against the step x_prev -> x. The usual test takes the sign of the inner product of
+    the two steps. Counting pixels is as good here, and a count, unlike a sum of floats, does not depend on the order
+    of the pixels; so neither do the results on the batch or on flips of the mask.
 
-    There is no proof that this converges: the loop certifies, and calls :meth:`fall_back` when it does not.
+    There is no proof that this converges: the loop certifies, and calls `fall_back` when it does not.
     """
 
     def __init__(self, system: System, line: Tensor) -> None:
@@ -57,7 +57,7 @@ class Accelerated:
         self.line, self._new = self._new, self.line
 
     def _restart(self, back: Tensor) -> None:
-        """Restart the shapes that fail the test; ``back`` = y - x, overwritten."""
+        """Restart the shapes that fail the test; `back` = y - x, overwritten."""
         low, high = back.aminmax(dim=1, keepdim=True)
         longest = torch.maximum(high, -low)
         against = back.mul_(self._step).sign_().sum(dim=1, keepdim=True) > 0
@@ -76,7 +76,7 @@ class Accelerated:
         self._longest = self._longest[keep]
 
     def fall_back(self, stalled: Tensor, best: Tensor) -> None:
-        """Restart the shapes marked in ``stalled`` ``(N,)`` from ``best``, with twice the damping.
+        """Restart the shapes marked in `stalled` `(N,)` from `best`, with twice the damping.
 
         After log2(D) times b = 0 is left, a contraction, which converges from anywhere.
         """

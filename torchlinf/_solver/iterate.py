@@ -23,24 +23,24 @@ class Method(Protocol):
     system: System
 
     def __init__(self, system: System, line: Tensor) -> None:
-        """Begin at the values on ``line``, which the method may overwrite."""
+        """Begin at the values on `line`, which the method may overwrite."""
 
     @staticmethod
     def limit(radius: Tensor) -> Tensor:
         """Sweeps allowed by default to shapes of these radii."""
 
     def sweep(self) -> None:
-        """One application of the stencil to every shape; leaves the values on ``line``."""
+        """One application of the stencil to every shape; leaves the values on `line`."""
 
     def select(self, keep: Tensor) -> None:
         """Go on with the shapes of these indices only."""
 
     def fall_back(self, stalled: Tensor, best: Tensor) -> None:
-        """Go on more carefully, from the values ``best``, on the shapes marked in ``stalled``."""
+        """Go on more carefully, from the values `best`, on the shapes marked in `stalled`."""
 
 
 def iterate(kind: type[Method], problem: Problem, tol: float, max_sweeps: int | None) -> Solved:
-    """Sweep until each shape is certified to ``tol`` or has used up its sweeps.
+    """Sweep until each shape is certified to `tol` or has used up its sweeps.
 
     A bound below 4 ulps of the largest value is not asked for, since residuals are not known any better.
     """
@@ -90,7 +90,7 @@ class _Batch:
         self.method = kind(System(layout, inside, screening[:, None], radius), values)
 
     def solve(self, tol: float, answer: Solved) -> None:
-        """Work until no shape is left; write each into ``answer`` when it leaves."""
+        """Work until no shape is left; write each into `answer` when it leaves."""
         while len(self.shape):
             status = self._certify(tol)
             leave = status != NEVER
@@ -135,7 +135,7 @@ class _Batch:
         self.marked = torch.where(stalled, self.done, self.marked)
 
     def _round(self) -> None:
-        """Sweeps between two certificates: a sixteenth of all before them, so that neither they nor excess cost much."""
+        """Sweep for a sixteenth of all sweeps before, so that neither certificates nor sweeps too many cost much."""
         sweeps = ROUND * max(1, self.done // ROUND**2)
         if self.max_sweeps is not None:
             sweeps = min(sweeps, self.max_sweeps - self.done - 1)

@@ -23,24 +23,24 @@ class Layout:
         self.guard = sum(self.strides)
 
     def rows(self, line: Tensor) -> Tensor:
-        """The shapes on a line as ``(N, pixels)``, a view."""
+        """The shapes on a line as `(N, pixels)`, a view."""
         return line[self.guard : len(line) - self.guard].view(-1, self.pixels)
 
     def line(self, rows: Tensor) -> Tensor:
-        """A new line that holds ``(N, pixels)``."""
+        """A new line that holds `(N, pixels)`."""
         line = rows.new_zeros(rows.numel() + 2 * self.guard)
         self.rows(line).copy_(rows)
         return line
 
     def pack(self, x: Tensor) -> Tensor:
-        """A new line that holds the box of ``(N, *grid)``."""
+        """A new line that holds the box of `(N, *grid)`."""
         inner = x[:, *self.box]
         rows = inner.new_zeros(len(inner), *self.sizes)
         rows[:, *(slice(size - 1) for size in self.sizes)] = inner
         return self.line(rows.flatten(1))
 
     def unpack(self, rows: Tensor) -> Tensor:
-        """``(N, pixels)`` back on the grid, ``(N, *grid)``, 0 outside the box."""
+        """`(N, pixels)` back on the grid, `(N, *grid)`, 0 outside the box."""
         x = rows.new_zeros(len(rows), *self.grid)
         inner = rows.view(len(rows), *self.sizes)
         x[:, *self.box] = inner[:, *(slice(size - 1) for size in self.sizes)]
@@ -68,9 +68,9 @@ class System:
 
     Attributes:
         layout: where the shapes lie.
-        inside: 1 on the shapes, 0 elsewhere, ``(N, pixels)`` of the dtype of v.
-        screening: s, ``(N, 1)``.
-        radius: D, ``(N,)`` int64.
+        inside: 1 on the shapes, 0 elsewhere, `(N, pixels)` of the dtype of v.
+        screening: s, `(N, 1)`.
+        radius: D, `(N,)` int64.
     """
 
     def __init__(self, layout: Layout, inside: Tensor, screening: Tensor, radius: Tensor) -> None:
@@ -87,19 +87,19 @@ class System:
         return System(self.layout, self.inside[keep], self.screening[keep], self.radius[keep])
 
     def sweep(self, line: Tensor, out: Tensor) -> None:
-        """out = T v = (M v + N v + 1) / (2 + s) on the shapes and 0 elsewhere, ``(N, pixels)``, for v on ``line``."""
+        """Set out = T v = (M v + N v + 1) / (2 + s) on the shapes and 0 elsewhere, `(N, pixels)`, for v on `line`."""
         high, low = self._extrema(line)
         torch.add(high, low, out=out).add_(1).mul_(self._weight)
 
     def average(self, line: Tensor, out: Tensor) -> None:
-        """out = (v + T v) / 2, ``(N, pixels)``, for v on ``line``."""
+        """Set out = (v + T v) / 2, `(N, pixels)`, for v on `line`."""
         high, low = self._extrema(line)
         torch.add(high, low, out=out).add_(1).mul_(self._half_weight)
         # half of v is exact, so this sum is rounded once, fused or not
         out.add_(self.layout.rows(line), alpha=0.5)
 
     def residual(self, line: Tensor) -> Tensor:
-        """R(v) as :func:`torchlinf._stencil.residual` takes it, ``(N, pixels)``; the next call overwrites it."""
+        """R(v) as `torchlinf._stencil.residual` takes it, `(N, pixels)`; the next call overwrites it."""
         high, low = self._extrema(line)
         value = self.layout.rows(line)
         high.sub_(value)
@@ -108,7 +108,7 @@ class System:
         return high.add_(torch.sub(1, low, out=low)).mul_(self.inside)
 
     def _extrema(self, line: Tensor) -> tuple[Tensor, Tensor]:
-        """M v and N v, ``(N, pixels)`` each; right on the shapes, arbitrary elsewhere."""
+        """M v and N v, `(N, pixels)` each; right on the shapes, arbitrary elsewhere."""
         for extremum, target in ((torch.maximum, self._high), (torch.minimum, self._low)):
             source = line
             for stride in self.layout.strides:

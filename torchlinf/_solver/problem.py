@@ -5,18 +5,16 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchlinf._stencil import residual
-
 
 @dataclass(frozen=True)
 class Problem:
     """N shapes on one grid, each with its own screening.
 
     Attributes:
-        mask: the shapes, ``(N, *spatial)`` bool.
-        distance: d, int32 like ``mask``.
-        radius: D = max d, ``(N,)`` int32; 0 for an empty shape.
-        screening: s = 1 / rho^2, ``(N,)`` float64 (float32 where the device has no float64); fixes the dtype of v.
+        mask: the shapes, `(N, *spatial)` bool.
+        distance: d, int32 like `mask`.
+        radius: D = max d, `(N,)` int32; 0 for an empty shape.
+        screening: s = 1 / rho^2, `(N,)` float64 (float32 where the device has no float64); fixes the dtype of v.
     """
 
     mask: Tensor
@@ -30,11 +28,11 @@ class Solved:
     """What a solver found, one entry a shape.
 
     Attributes:
-        value: the field f, ``(N, *spatial)``, not normalised, 0 outside.
-        error_bound: certified bound of \\|value - f\\| / f over the shape, ``(N,)``; inf if nothing is certified.
-        num_sweeps: how often the stencil was applied to the shape, certificates included, ``(N,)`` int64.
-        num_solves: linear solves, ``(N,)`` int64.
-        status: ``(N,)`` int64, values of :class:`torchlinf.Status`.
+        value: the field f, `(N, *spatial)`, not normalised, 0 outside.
+        error_bound: certified bound of |value - f| / f over the shape, `(N,)`; inf if nothing is certified.
+        num_sweeps: how often the stencil was applied to the shape, certificates included, `(N,)` int64.
+        num_solves: linear solves, `(N,)` int64.
+        status: `(N,)` int64, values of `torchlinf.Status`.
     """
 
     value: Tensor
@@ -51,10 +49,10 @@ def certify(residuals: Tensor) -> Tensor:
     and v / (1 + q) has the residual (R + q) / (1 + q) >= 0, so it is nowhere above f. Hence -p f <= v - f <= q f.
 
     Args:
-        residuals: ``(N, P)``, 0 outside the shapes.
+        residuals: `(N, P)`, 0 outside the shapes.
 
     Returns:
-        ``(N,)``: max(p, q), inf where p >= 1, NaN where the residual is not finite.
+        `(N,)`: max(p, q), inf where p >= 1, NaN where the residual is not finite.
 
     >>> certify(torch.tensor([[0.25, -0.5], [1.5, 0.0]])).tolist()
     [0.5, inf]
@@ -62,8 +60,3 @@ def certify(residuals: Tensor) -> Tensor:
     low, high = residuals.aminmax(dim=1)
     bound = torch.maximum(-low, high)
     return torch.where(high >= 1, torch.inf, bound)
-
-
-def residual_bound(value: Tensor, mask: Tensor, screening: Tensor) -> Tensor:
-    """Relative error bound of a field ``(N, *spatial)``; see :func:`certify`."""
-    return certify(residual(value, mask, screening).flatten(1))

@@ -15,12 +15,12 @@ def square_profile(radius: Tensor, screening: Tensor, length: int) -> Tensor:
     overflows once the growing exponentials are divided out.
 
     Args:
-        radius: D, ``(N,)`` integers.
-        screening: s, ``(N,)`` of the wanted dtype.
+        radius: D, `(N,)` integers.
+        screening: s, `(N,)` of the wanted dtype.
         length: number of distances.
 
     Returns:
-        ``(N, length)``, g_D(k) for k = 0 .. length - 1; beyond k = D the value g_D(D).
+        `(N, length)`, g_D(k) for k = 0 .. length - 1; beyond k = D the value g_D(D).
 
     >>> square_profile(torch.tensor([2]), torch.tensor([0.25], dtype=torch.float64), 3).round(decimals=6).tolist()
     [[0.0, 1.241379, 1.793103]]
