@@ -19,6 +19,7 @@ from torchlinf._kernels.grid import Grid
 from torchlinf._kernels.thomas import DONE, solve_chain, thomas_factors
 
 LOW, VISITED, CALLER = 2, 3, 4  # rows of `chains`: low link, dependencies looked at, the chain that asked for it
+_LOOP = 4  # added to VISITED for every dependency of a chain on itself
 
 
 class PolicySystem:
@@ -104,9 +105,9 @@ def solve_policies(v, starts, ends, up, down, factors, screening, tol, owner, ch
             chain = 0
             chains[CALLER, 0] = -1
             while chain >= 0:
-                side = chains[VISITED, chain]
+                side = chains[VISITED, chain] % _LOOP
                 if side < 2:
-                    chains[VISITED, chain] = side + 1
+                    chains[VISITED, chain] += 1
                     target = dependency(chains, chain, side, up, down)
                     state = owner[target]
                     if state == DONE or target == chains[side, chain]:
@@ -119,7 +120,7 @@ def solve_policies(v, starts, ends, up, down, factors, screening, tol, owner, ch
                         chain = height
                         height += 1
                     elif state - 1 == chain:
-                        chains[VISITED, chain] = side + 3  # depends on itself
+                        chains[VISITED, chain] += _LOOP
                     else:
                         chains[LOW, chain] = min(chains[LOW, chain], state - 1)
                     continue
@@ -128,7 +129,7 @@ def solve_policies(v, starts, ends, up, down, factors, screening, tol, owner, ch
                 if low != chain:
                     chains[LOW, caller] = min(chains[LOW, caller], low)
                 else:
-                    if height == chain + 1 and side == 2:
+                    if height == chain + 1 and chains[VISITED, chain] < _LOOP:
                         solve_chain(v, chains[HEAD, chain], chains[LAST, chain], up, down, factors, screening, work, owner)
                     else:
                         unknowns += solve_component(

@@ -127,13 +127,14 @@ class Field:
     def start_from_coarse(self) -> None:
         """Scale the start by the ratio of field to start at half the resolution."""
         fine = self.shape.grid
-        coarse = Field(self.shape.coarse(), COARSE_TOL, None, self.check)
+        smaller = self.shape.coarse()
+        share = smaller.grid.pixels / fine.pixels
+        coarse = Field(smaller, COARSE_TOL, int((self.limit - self.num_sweeps) / share), self.check)
         coarse.run()
         levels.scale_by_parents(
             self.v, fine.starts, fine.ends, fine.strides, coarse.v, coarse.shape.distance, coarse.shape.profile,
             coarse.shape.grid.strides,
         )  # fmt: skip
-        share = coarse.shape.grid.pixels / fine.pixels
         self.num_sweeps += coarse.num_sweeps * share
 
     def iterate(self) -> None:
@@ -141,12 +142,12 @@ class Field:
         system = chains.PolicySystem(self.shape.grid, self.shape.screening)
         count = SWEEPS
         best = np.inf
-        while self.num_sweeps + 1 < self.limit:
+        while self.sweeps() + 2 <= self.limit:
             self.check()
-            count = int(min(count, self.limit - self.num_sweeps - 1))
+            count = min(count, self.limit - self.sweeps() - 1)
             sweeps.sweep(*self.stencil, self.shape.screening, count, self.buffer)
             self.num_sweeps += count
-            if self.certify():
+            if self.certify() or self.sweeps() + 1 > self.limit:
                 break
             if self.residual > best / 2:
                 count *= 2

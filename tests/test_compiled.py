@@ -1,0 +1,155 @@
+"""The compiled CPU method against the torch path, on shapes that exercise chains, components and coarse grids."""
+
+import numpy as np
+import pytest
+import torch
+from scipy import ndimage
+
+from torchlinf import Status, chessboard_distance, complexity_profile, shapes, solve_field
+from torchlinf._kernels import chains, components, grid, krylov, sweeps, thomas
+from torchlinf._kernels.distance import chessboard_of
+
+SIDES = {1: (37,), 2: (17, 26), 3: (7, 10, 8), 4: (4, 6, 5, 5)}
+
+
+def random_masks(ndim: int, count: int, seed: int) -> torch.Tensor:
+    """Blobs with holes, several components and pixels on the border, ``(count, *spatial)``."""
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(size=(count, *SIDES[ndim]))
+    smooth = [ndimage.gaussian_filter(one, rng.uniform(0.3, 2.0)) for one in noise]
+    return torch.from_numpy(np.stack([one > rng.normal() * one.std() for one in smooth]))
+
+
+@pytest.mark.parametrize("ndim", [1, 2, 3, 4])
+@pytest.mark.parametrize("rho", [None, 0.5, 7.0, 1e4])
+def test_agrees_with_the_torch_path(ndim: int, rho: float | None) -> None:
+    masks = random_masks(ndim, 12, seed=ndim)
+    found = solve_field(masks, rho=rho, method="compiled", spatial_ndim=ndim)
+    reference = solve_field(masks, rho=rho, tol=1e-11, method="accelerated", spatial_ndim=ndim)
+    torch.testing.assert_close(found.value, reference.value, rtol=2e-9, atol=0)
+    assert (found.error_bound <= 1e-9).all()
+
+
+def test_certificate_is_true_and_not_empty() -> None:
+    mask = shapes.disc(40)
+    rough = solve_field(mask, max_sweeps=30, throw=False, method="compiled", spatial_ndim=2)
+    exact = solve_field(mask, tol=1e-11, method="compiled", spatial_ndim=2)
+    error = ((rough.value - exact.value).abs() / exact.value)[mask].max()
+    assert 1e-11 < error <= rough.error_bound + 1e-11
+
+
+def test_boxes_need_no_sweep_but_the_certificate() -> None:
+    solution = solve_field(shapes.box(31, 64), method="compiled", spatial_ndim=2)
+    assert (solution.num_sweeps, solution.num_solves) == (1, 0)
+
+
+def test_batch_equals_one_by_one_to_the_bit() -> None:
+    masks = random_masks(2, 9, seed=5)
+    batch = solve_field(masks, method="compiled", spatial_ndim=2)
+    for i, mask in enumerate(masks):
+        alone = solve_field(mask, method="compiled", spatial_ndim=2)
+        assert torch.equal(alone.value, batch.value[i])
+        assert alone.num_sweeps == batch.num_sweeps[i]
+
+
+def test_position_in_a_larger_frame_does_not_matter() -> None:
+    mask = random_masks(2, 1, seed=3)[0]
+    framed = torch.nn.functional.pad(mask, (5, 11, 2, 40))
+    alone = solve_field(mask, method="compiled", spatial_ndim=2).value
+    assert torch.equal(solve_field(framed, method="compiled", spatial_ndim=2).value[2:19, 5:31], alone)
+
+
+def test_threads_do_not_change_the_result() -> None:
+    masks = random_masks(2, 8, seed=8)
+    threads = torch.get_num_threads()
+    try:
+        torch.set_num_threads(1)
+        one = solve_field(masks, method="compiled", spatial_ndim=2).value
+        torch.set_num_threads(4)
+        assert torch.equal(solve_field(masks, method="compiled", spatial_ndim=2).value, one)
+    finally:
+        torch.set_num_threads(threads)
+
+
+def test_max_sweeps_is_obeyed_and_reported() -> None:
+    solution = solve_field(shapes.disc(40), method="compiled", max_sweeps=20, throw=False, spatial_ndim=2)
+    assert solution.status == Status.MAX_SWEEPS
+    assert solution.num_sweeps <= 20
+    assert solution.error_bound > 1e-9
+
+
+def test_work_stays_below_two_sweeps_per_pixel_of_radius() -> None:
+    solution = solve_field(shapes.disc(256), method="compiled", spatial_ndim=2)
+    radius = int(chessboard_distance(shapes.disc(256), spatial_ndim=2).max())
+    assert solution.num_sweeps <= 2 * radius  # plain iteration from zero takes some 17 radius^2
+    assert solution.num_solves <= 8
+
+
+@pytest.mark.parametrize("ndim", [1, 2, 3, 4])
+def test_distance_kernel_equals_scipy(ndim: int) -> None:
+    for mask in random_masks(ndim, 60, seed=20 + ndim).numpy():
+        padded = np.pad(mask, 1)
+        expected = ndimage.distance_transform_cdt(padded, metric="chessboard")
+        assert np.array_equal(chessboard_of(grid.make_grid(padded)).reshape(padded.shape), expected)
+
+
+@pytest.mark.parametrize(("side", "unknowns"), [(5, 10), (30, 200)])
+def test_components_that_are_no_chain_are_solved(side: int, unknowns: int) -> None:
+    """Random policies tie pixels into large cycles; the solution must satisfy every single equation.
+
+    Up only ever increases (here the index, in a solve the value), or a chain would close on itself.
+    """
+    rng = np.random.default_rng(side)
+    padded = np.pad(np.ones((side, side + 3), bool), 1)
+    geometry = grid.make_grid(padded)
+    inside = np.flatnonzero(padded)
+    v = np.zeros(padded.size)
+    system = chains.PolicySystem(geometry, 0.01)
+    system.up[inside] = inside + rng.choice(geometry.block[geometry.block > 0], inside.size)
+    system.down[inside] = inside + rng.choice(geometry.block[geometry.block != 0], inside.size)
+    assert system.solve(v, 1e-13) >= unknowns
+    left = 2.01 * v - v[system.up] - v[system.down]
+    assert np.abs(left[inside] - 1).max() < 1e-9
+
+
+def test_chain_with_a_peak_is_the_profile_of_a_square() -> None:
+    length, screening = 12, 1 / 144
+    geometry = grid.make_grid(np.pad(np.ones(2 * length, bool), 1))
+    distance = chessboard_of(geometry)
+    field = solve_field(torch.ones(2 * length, dtype=torch.bool), spatial_ndim=1, method="accelerated", tol=1e-11)
+    v = np.zeros(2 * length + 2)
+    up, down = np.zeros(v.size, np.int32), np.zeros(v.size, np.int32)
+    for x in range(1, length + 1):
+        up[x], down[x] = min(x + 1, length), x - 1
+    owner = np.zeros(v.size, np.int32)
+    factors = thomas.thomas_factors(length, screening)
+    thomas.solve_chain(v, 1, length, up, down, factors, screening, np.empty(length), owner)
+    assert distance.max() == length
+    np.testing.assert_allclose(v[1 : length + 1], field.value[:length].numpy(), rtol=1e-10)
+
+
+def test_krylov_and_elimination_agree() -> None:
+    rng = np.random.default_rng(0)
+    size = 40
+    weight = rng.random((size, 2)) * 0.49
+    index = rng.integers(0, size, (size, 2))
+    constant = rng.random(size)
+    direct, iterated = np.zeros(size), np.zeros(size)
+    components._eliminate(constant, weight, index, direct)
+    krylov.bicgstab(constant, weight, index, iterated, 1e-13)
+    np.testing.assert_allclose(iterated, direct, rtol=1e-10)
+    np.testing.assert_allclose(direct, constant + (weight * direct[index]).sum(1), rtol=1e-12)
+
+
+def test_profiles_agree_with_the_torch_path() -> None:
+    masks = random_masks(2, 10, seed=31)
+    for estimator in ("entropy", "std"):
+        found = complexity_profile(masks, estimator=estimator, method="compiled", spatial_ndim=2)
+        reference = complexity_profile(masks, estimator=estimator, tol=1e-12, method="accelerated", spatial_ndim=2)
+        torch.testing.assert_close(found.values, reference.values, rtol=1e-7, atol=1e-9, equal_nan=True)
+
+
+def test_distance_of_a_batch_uses_every_shape_alone() -> None:
+    masks = random_masks(2, 7, seed=40)
+    together = chessboard_distance(masks, spatial_ndim=2)
+    assert all(torch.equal(chessboard_distance(m, spatial_ndim=2), d) for m, d in zip(masks, together, strict=True))
