@@ -1,0 +1,138 @@
+"""What the figures of `torchlinf.plot` are made of."""
+
+from collections.abc import Mapping
+from types import ModuleType
+from typing import TYPE_CHECKING, NamedTuple, cast
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchlinf._checks import as_mask
+from torchlinf.complexity import ComplexityProfile, complexity_profile
+from torchlinf.distance import chessboard_distance
+from torchlinf.field import linf_field
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+# Paul Tol's "muted" colours, which people of any colour vision tell apart, in an order that puts unlike ones side by
+# side, and a grey. From the eleventh shape on they come again, with another line style.
+COLOURS = (
+    "#332288", "#CC6677", "#117733", "#88CCEE", "#882255", "#999933", "#AA4499", "#44AA99", "#DDCC77", "#555555",
+)  # fmt: skip
+STYLES = ("-", "--", ":")
+
+# Level lines at a tenth, two tenths ... of the maximum.
+LINES = np.arange(1, 10) / 10
+
+TITLES = {"field": "field f / max f", "distance": "scale t = d / D"}
+
+
+class Look(NamedTuple):
+    """Colour and style of a line."""
+
+    color: str
+    style: str
+
+
+def looks(count: int) -> list[Look]:
+    """Looks for shapes side by side, all different up to thirty."""
+    return [Look(COLOURS[i % len(COLOURS)], STYLES[i // len(COLOURS) % len(STYLES)]) for i in range(count)]
+
+
+def pyplot() -> ModuleType:
+    """Import matplotlib.pyplot, or say which extra to install."""
+    try:
+        import matplotlib.pyplot
+    except ImportError as error:
+        raise ImportError(
+            "torchlinf.plot needs matplotlib, which is not installed. Run: pip install 'torchlinf[plot]'"
+        ) from error
+    return matplotlib.pyplot
+
+
+def page(width: float, height: float, height_profiles: float) -> tuple["Figure", "SubFigure", "Axes"]:
+    """A figure (sizes in inches) with room for shapes above, and axes for the profiles below."""
+    figure = pyplot().figure(figsize=(width, height + height_profiles), layout="constrained")
+    top, bottom = figure.subfigures(2, 1, height_ratios=[height, height_profiles])
+    return figure, top, bottom.subplots()
+
+
+def axes_or_new(ax: "Axes | None") -> "Axes":
+    """The axes, or those of a new figure."""
+    return cast("Axes", pyplot().subplots(layout="constrained")[1]) if ax is None else ax
+
+
+def solve(mask: Tensor) -> ComplexityProfile:
+    """Profile of one shape without leading dimensions."""
+    _require_shape(mask)
+    return complexity_profile(mask, spatial_ndim=mask.ndim)
+
+
+def solve_all(masks: Mapping[str, Tensor]) -> dict[str, ComplexityProfile]:
+    """Profiles of shapes by name, at least one."""
+    if not masks:
+        raise ValueError("masks must hold at least one mask; got none. Pass for example {'disc': shapes.disc(32)}.")
+    return {name: solve(mask) for name, mask in masks.items()}
+
+
+def slices(mask: Tensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The field f / max f and the scale t of an image, or of the slice of a volume through its deepest voxel."""
+    _require_shape(mask)
+    if mask.ndim not in (2, 3):
+        raise ValueError(f"mask must be (H, W) or (D, H, W); got {tuple(mask.shape)}. Pass one shape, without a batch.")
+    distance = chessboard_distance(mask, spatial_ndim=mask.ndim)
+    field = linf_field(mask, spatial_ndim=mask.ndim, dtype=torch.float64)
+    deepest = (int(distance.flatten(1).amax(dim=1).argmax()),) if mask.ndim == 3 else ()
+    scale = distance.double() / distance.max()
+    return field[deepest].numpy(force=True), scale[deepest].numpy(force=True)
+
+
+def _require_shape(mask: Tensor) -> None:
+    inside, _ = as_mask(mask, getattr(mask, "ndim", None))
+    if not inside.any():
+        raise ValueError("mask must have at least one pixel inside; got an empty one. Leave it out.")
+
+
+def draw_profile(ax: "Axes", solved: ComplexityProfile, label: str | None, look: Look) -> "Axes":
+    """Level k holds for the scales from (k-1)/D to k/D: a staircase, not a line through points."""
+    values = cast("Tensor", solved.levels()).numpy(force=True)
+    edges = np.arange(len(values) + 1) / len(values)
+    ax.stairs(values, edges, baseline=None, label=label, color=look.color, linestyle=look.style, linewidth=1.6)
+    # The same ground for all, at least one bit high, and low enough to show the line of a profile that is zero.
+    top = max(1.0, ax.dataLim.y1)
+    ax.set(xlim=(0, 1), ylim=(-0.02 * top, 1.05 * top))
+    ax.set(xlabel="scale t = d / D (share of the radius)", ylabel="complexity (bits)")
+    ax.spines[["top", "right"]].set_visible(False)
+    return ax
+
+
+def draw_levels(ax: "Axes", values: NDArray[np.float64], color: str) -> None:
+    """Fill what is above 0 with a pale tint of the colour, and draw level lines on it."""
+    from matplotlib.colors import ListedColormap, to_rgb
+
+    # A frame of zeros closes the lines of shapes that touch the border.
+    framed = np.pad(values, 1)
+    rows, columns = (np.arange(-1, size + 1) for size in values.shape)
+    pale = (1 + np.array(to_rgb(color))) / 2
+    extent = (-1.5, columns[-1] + 0.5, rows[-1] + 0.5, -1.5)
+    ax.imshow(framed > 0, cmap=ListedColormap(np.array([np.ones(3), pale])), extent=extent, interpolation="nearest")
+    ax.contour(columns, rows, framed, levels=LINES, colors="#222222", linewidths=0.6)
+
+
+def draw_legend(ax: "Axes", reverse: bool = False) -> None:
+    """Name the lines beside the axes, where there are several."""
+    if len(ax.patches) > 1:
+        ax.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, reverse=reverse)
+
+
+def shorten(name: str, longest: int = 24) -> str:
+    """Cut a long name at the front: the end of a path tells more than its beginning.
+
+    >>> shorten("silhouettes/animals/horse-17.png", longest=14)
+    '…/horse-17.png'
+    """
+    return name if len(name) <= longest else "…" + name[1 - longest :]

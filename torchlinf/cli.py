@@ -1,0 +1,230 @@
+"""The command `torchlinf`: scores of mask files as a table, and profiles as a picture."""
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Annotated
+
+import torch
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from torchlinf import __version__
+from torchlinf._readers import SUFFIXES
+from torchlinf.scoring import (
+    COLUMNS,
+    MAX_PIXELS,
+    RULE,
+    Source,
+    UnreadableMaskError,
+    find_masks,
+    open_table,
+    read_mask,
+    score_masks,
+)
+
+# 128 + the number of the signal, as a shell reports a program that SIGINT (Ctrl-C) or SIGPIPE (`| head`) ended.
+INTERRUPTED, PIPE_CLOSED = 130, 141
+
+# More masks than this leave too little of the page for each.
+MAX_DRAWN = 12
+
+STATUS = "Exit status: 0 all fine, 1 some masks failed, 2 wrong usage or an output that cannot be written."
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+)
+
+Paths = Annotated[
+    list[Path],
+    typer.Argument(metavar="PATH", help="Masks (PNG, GIF, TIFF, BMP, JPEG, .npy, .npz), or folders of them."),
+]
+Out = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the table here, each row when it is done.")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="One JSON object a line instead of CSV.")]
+Workers = Annotated[
+    int | None,
+    typer.Option("--workers", "-w", min=1, metavar="N", help="Masks worked on at a time.", show_default="all cores"),
+]
+Threshold = Annotated[
+    float | None,
+    typer.Option("--threshold", "-t", metavar="T", help="Inside is what is greater, in the file's own units."),
+]
+Invert = Annotated[bool, typer.Option("--invert", "-i", help="Swap inside and outside, for dark shapes.")]
+MaxPixels = Annotated[int, typer.Option(min=1, metavar="N", help="Refuse larger masks; each pixel takes 130 bytes.")]
+
+
+def main() -> None:
+    """Run the command; the entry point of the package."""
+    try:
+        app()
+    except SystemExit as stop:
+        if stop.code in (INTERRUPTED, PIPE_CLOSED):
+            # An ordinary exit would first wait for the masks that other threads are still solving.
+            with suppress(OSError):
+                sys.stdout.flush()
+                sys.stderr.flush()
+            os._exit(int(stop.code))
+        raise
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"torchlinf {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Multi-scale complexity of shapes, with a certified error."""
+
+
+@app.command(epilog=f"{RULE}\n\nColumns: {', '.join(COLUMNS)}.\n\n{STATUS}")
+def score(
+    paths: Paths,
+    out: Out = None,
+    as_json: AsJson = False,
+    threshold: Threshold = None,
+    invert: Invert = False,
+    workers: Workers = None,
+    max_pixels: MaxPixels = MAX_PIXELS,
+) -> None:
+    """Score masks: one row of numbers a mask.
+
+    Without --out the table goes to the terminal, or as CSV into a pipe. A file that cannot be scored gives a row that
+    says why, and the rest go on. Ctrl-C leaves a table of whole rows.
+    """
+    sources = _find(paths)
+    if out is not None and out.suffix.lower() in SUFFIXES:
+        raise typer.BadParameter(f"{out} has the name of a mask; pass for example scores.csv", param_hint="--out")
+    workers = workers or _cores()
+    torch.set_num_threads(max(1, _cores() // workers))
+    done = failed = 0
+    try:
+        with open_table(out, as_json) as put, _progress(len(sources), shown=out is not None or not as_json) as advance:
+            rows = score_masks(sources, threshold=threshold, invert=invert, max_pixels=max_pixels, workers=workers)
+            for row in rows:
+                put(row)
+                done, failed = done + 1, failed + (row.error is not None)
+                advance()
+    except KeyboardInterrupt:
+        raise typer.Exit(INTERRUPTED) from None
+    except BrokenPipeError:
+        raise typer.Exit(PIPE_CLOSED) from None
+    except OSError as error:
+        typer.echo(f"The table cannot be written ({error.strerror}); it ends after {done} rows.", err=True)
+        raise typer.Exit(2) from None
+    if failed:
+        typer.echo(f"{failed} of {done} masks failed; the column 'error' says why.", err=True)
+        raise typer.Exit(1)
+
+
+@app.command(epilog=f"{RULE}\n\n{STATUS}")
+def profile(
+    paths: Paths,
+    plot: Annotated[Path, typer.Option("--plot", "-p", metavar="FILE", help="The picture to write: PNG, SVG or PDF.")],
+    threshold: Threshold = None,
+    invert: Invert = False,
+    max_pixels: MaxPixels = MAX_PIXELS,
+) -> None:
+    """Draw masks with level lines of the field f and of the scale t, and their profiles in one plot."""
+    _require_matplotlib()
+    sources = _find(paths)
+    _check_picture(plot, sources)
+    masks: dict[str, torch.Tensor] = {}
+    for source in sources:
+        try:
+            masks[_title(source, sources)] = _shape(source, threshold, invert, max_pixels)
+        except UnreadableMaskError as error:
+            typer.echo(f"{source.name}: {error}", err=True)
+    if masks:
+        _draw(plot, masks)
+    if len(masks) < len(sources):
+        raise typer.Exit(1)
+
+
+def _find(paths: list[Path]) -> list[Source]:
+    sources = find_masks(paths)
+    if not sources:
+        known = " ".join(SUFFIXES)
+        raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}; looked for {known}")
+    return sources
+
+
+def _cores() -> int:
+    # In a container or a batch job the machine may have more cores than this process may use.
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def _progress(total: int, shown: bool) -> Iterator[Callable[[], None]]:
+    columns = (TextColumn("scoring"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not (shown and console.is_terminal)) as progress:
+        task = progress.add_task("scoring", total=total)
+        yield lambda: progress.advance(task)
+
+
+def _require_matplotlib() -> None:
+    try:
+        import matplotlib
+    except ImportError:
+        typer.echo("torchlinf profile needs matplotlib. Run: pip install 'torchlinf[plot]'", err=True)
+        raise typer.Exit(2) from None
+    matplotlib.use("Agg")  # a picture for a file needs no screen
+
+
+def _draw(picture: Path, masks: dict[str, torch.Tensor]) -> None:
+    from torchlinf.plot import overview
+
+    try:
+        with Console(stderr=True).status(f"drawing {len(masks)} masks"):
+            overview(masks).savefig(picture, dpi=150)
+    except OSError as error:
+        typer.echo(f"The picture cannot be written ({error.strerror}).", err=True)
+        raise typer.Exit(2) from None
+
+
+def _check_picture(picture: Path, sources: list[Source]) -> None:
+    """Refuse what would fail, or be regretted, after the masks have been solved."""
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    problem = None
+    if picture.suffix[1:].lower() not in FigureCanvasBase.get_supported_filetypes():
+        problem = f"{picture} has no suffix of a picture; pass for example profiles.png"
+    elif not os.access(picture.parent, os.W_OK):
+        problem = f"the folder {picture.parent} cannot be written to"
+    elif picture.exists() and any(source.path.exists() and picture.samefile(source.path) for source in sources):
+        problem = f"{picture} is one of the masks"
+    if problem:
+        raise typer.BadParameter(problem, param_hint="--plot")
+    if len(sources) > MAX_DRAWN:
+        raise typer.BadParameter(f"one picture holds {MAX_DRAWN} masks; got {len(sources)}. Name fewer")
+
+
+def _title(source: Source, sources: list[Source]) -> str:
+    """The shortest name that tells the source from the others."""
+    short = source.path.stem if source.member is None else f"{source.path.stem}:{source.member}"
+    same = [other for other in sources if (other.path.stem, other.member) == (source.path.stem, source.member)]
+    return short if len(same) == 1 else source.name
+
+
+def _shape(source: Source, threshold: float | None, invert: bool, max_pixels: int) -> torch.Tensor:
+    if source.error:
+        raise UnreadableMaskError(source.error)
+    inside = read_mask(source.path, member=source.member, threshold=threshold, invert=invert, max_pixels=max_pixels)
+    if not inside.any():
+        raise UnreadableMaskError("no foreground: no pixel is inside")
+    return torch.from_numpy(inside)

@@ -1,0 +1,168 @@
+"""Figures of masks, their level lines, and their complexity against scale. Needs the extra `plot` (matplotlib)."""
+
+from collections.abc import Mapping
+from math import ceil
+from typing import TYPE_CHECKING
+
+from torch import Tensor
+
+from torchlinf._panels import (
+    COLOURS,
+    TITLES,
+    Look,
+    axes_or_new,
+    draw_legend,
+    draw_levels,
+    draw_profile,
+    looks,
+    page,
+    shorten,
+    slices,
+    solve,
+    solve_all,
+)  # fmt: skip
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def profile(
+    mask: Tensor, *, label: str | None = None, color: str | None = None, style: str = "-", ax: "Axes | None" = None
+) -> "Axes":
+    """Draw the complexity of one shape against scale, level by level.
+
+    Args:
+        mask: one shape, (H, W) or (D, H, W) or any other number of spatial dimensions, values 0 or 1, not empty.
+        label: name of the line in a legend.
+        color: colour of the line; None takes the next of `COLOURS`.
+        style: line style, as matplotlib writes it.
+        ax: where to draw; None makes a new figure. Call again with the axes returned to compare shapes.
+
+    Returns:
+        The axes: scale in (0, 1] without unit, complexity in bits.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        TypeError: `mask` is no tensor.
+        ValueError: `mask` is empty or not binary.
+
+    Example:
+        >>> from torchlinf import plot, shapes
+        >>> ax = plot.profile(shapes.disc(16), label="disc")
+        >>> ax = plot.profile(shapes.square(32), label="square", ax=ax)
+        >>> ax.get_ylabel()
+        'complexity (bits)'
+    """
+    solved, ax = solve(mask), axes_or_new(ax)
+    return draw_profile(ax, solved, label, Look(color or COLOURS[len(ax.patches) % len(COLOURS)], style))
+
+
+def levels(mask: Tensor, *, of: str = "field", ax: "Axes | None" = None) -> "Axes":
+    """Draw a shape with level lines.
+
+    On a square both kinds of lines are nested squares. How the lines of the field leave those of the distance is what
+    the complexity measures.
+
+    Args:
+        mask: one shape, (H, W) or (D, H, W), values 0 or 1, not empty. Of a volume the slice through its deepest voxel
+            is drawn.
+        of: "field" for f / max f, "distance" for the scale t = d / D.
+        ax: where to draw; None makes a new figure.
+
+    Returns:
+        The axes, in pixels, of equal aspect, rows downwards. The nine lines are at 0.1, 0.2 ... 0.9.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        TypeError: `mask` is no tensor.
+        ValueError: `mask` is empty, not binary, or neither 2-D nor 3-D; or `of` is neither of the two.
+
+    Example:
+        >>> from torchlinf import plot, shapes
+        >>> ax = plot.levels(shapes.disc(16), of="distance")
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('column (pixels)', 'row (pixels)')
+    """
+    if of not in TITLES:
+        raise ValueError(f"of must be 'field' or 'distance'; got {of!r}. Pass of='field' for f / max f.")
+    field, scale = slices(mask)
+    ax = axes_or_new(ax)
+    draw_levels(ax, field if of == "field" else scale, COLOURS[0])
+    ax.set(xlabel="column (pixels)", ylabel="row (pixels)", title=TITLES[of])
+    return ax
+
+
+def shapes(masks: Mapping[str, Tensor]) -> "Figure":
+    """Draw shapes in the order of their complexity, each with its number and level lines of f, and their profiles.
+
+    Args:
+        masks: the shapes by name, each as for `levels`. Up to a dozen stay readable.
+
+    Returns:
+        The figure; its first axes hold the profiles, the others the shapes.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        ValueError: there is no mask, or one is empty, not binary, or neither 2-D nor 3-D.
+
+    Example:
+        >>> from torchlinf import plot, shapes
+        >>> figure = plot.shapes({"disc": shapes.disc(16), "square": shapes.square(32)})
+        >>> [ax.get_xlabel().split()[0] for ax in figure.axes[1:]]
+        ['square', 'disc']
+    """
+    solved = solve_all(masks)
+    names = sorted(masks, key=lambda name: float(solved[name].mean()))
+    columns = len(names) if len(names) <= 5 else ceil(len(names) / ceil(len(names) / 5))
+    rows = ceil(len(names) / columns)
+    figure, top, ax_profiles = page(max(1.9 * columns, 6.0), 2.3 * rows, 3.2)
+    panels = list(top.subplots(rows, columns, squeeze=False).flat)
+    for panel in panels[len(names) :]:
+        panel.remove()
+    for panel, name, look in zip(panels, names, looks(len(names)), strict=False):
+        draw_levels(panel, slices(masks[name])[0], look.color)
+        panel.set(xticks=[], yticks=[], anchor="S")
+        panel.spines[:].set_visible(False)
+        panel.set_xlabel(f"{shorten(name)}\n{float(solved[name].mean()):.2f} bits")
+        draw_profile(ax_profiles, solved[name], shorten(name), look)
+    draw_legend(ax_profiles, reverse=True)  # the order of the lines, from the top
+    return figure
+
+
+def overview(masks: Mapping[str, Tensor]) -> "Figure":
+    """Draw each mask twice, with level lines of f and of t, and all profiles in one plot below.
+
+    Args:
+        masks: the shapes by name, each as for `levels`. Up to a dozen stay readable.
+
+    Returns:
+        The figure; its first axes hold the profiles, the others the shapes.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        ValueError: there is no mask, or one is empty, not binary, or neither 2-D nor 3-D.
+
+    Example:
+        >>> from torchlinf import plot, shapes
+        >>> figure = plot.overview({"disc": shapes.disc(16)})
+        >>> [ax.get_title() for ax in figure.axes[1:]]
+        ['field f / max f', 'scale t = d / D']
+    """
+    solved = solve_all(masks)
+    columns = min(len(masks), 3)
+    rows = ceil(len(masks) / columns)
+    figure, top, ax_profiles = page(max(4.4 * columns, 6.4), 2.9 * rows, 3.4)
+    pairs = top.subfigures(rows, columns, squeeze=False).flat
+    for pair, name, look in zip(pairs, masks, looks(len(masks)), strict=False):
+        pair.suptitle(f"{shorten(name)}: {float(solved[name].mean()):.3f} bits", fontsize=11)
+        left, right = pair.subplots(1, 2, sharey=True)
+        for panel, values, title in zip((left, right), slices(masks[name]), TITLES.values(), strict=True):
+            draw_levels(panel, values, look.color)
+            panel.set_title(title, fontsize=9)
+            panel.set_xlabel("column (pixels)", fontsize=8)
+            panel.tick_params(labelsize=8)
+        left.set_ylabel("row (pixels)", fontsize=8)
+        draw_profile(ax_profiles, solved[name], shorten(name), look)
+    draw_legend(ax_profiles)
+    return figure
