@@ -1,0 +1,238 @@
+"""ShapeComplexityLoss: its value is the hard complexity, its gradient moves boundaries."""
+
+from collections.abc import Callable
+
+import pytest
+import torch
+from torch import Tensor
+
+import torchlinf
+from torchlinf import shapes
+from torchlinf.losses import WORST, ShapeComplexityLoss
+
+
+def bumpy(margin: int = 4) -> Tensor:
+    """A 14 x 18 box with two appendages, bool (25, 28) at margin 4."""
+    appended = [shapes.Appendage("top", 4, 3, offset=2), shapes.Appendage("right", 5, 2, offset=6)]
+    return shapes.with_appendages((14, 18), appended, margin=margin)
+
+
+def batch() -> Tensor:
+    """(2, 3, 25, 28) probabilities: bumpy shapes, one flipped, one grey, one empty, one full."""
+    shape = bumpy().float()
+    found = torch.stack([shape, shape.flip(1), 0.2 + 0.6 * shape, 0 * shape, 0 * shape + 1, shape.flip(0)])
+    return found.reshape(2, 3, *shape.shape)
+
+
+def gradient(loss: Callable[..., Tensor], probability: Tensor, *args: Tensor) -> Tensor:
+    leaf = probability.detach().clone().requires_grad_()
+    loss(leaf, *args).backward()
+    assert leaf.grad is not None
+    return leaf.grad
+
+
+def test_the_value_is_the_hard_complexity() -> None:
+    probability = batch()
+    expected = torchlinf.complexity(probability > 0.5, low=0.0, high=0.6)
+    found = ShapeComplexityLoss(high=0.6, reduction="none")(probability)
+    there = ~expected.isnan()
+    assert there.sum() == 5
+    torch.testing.assert_close(found[there], expected[there].float())
+    assert found[~there].tolist() == [WORST]
+
+
+def test_reductions_and_weights() -> None:
+    probability = batch()
+    each = ShapeComplexityLoss(reduction="none")(probability)
+    assert ShapeComplexityLoss()(probability).item() == pytest.approx(each.mean().item())
+    assert ShapeComplexityLoss(reduction="sum")(probability).item() == pytest.approx(each.sum().item())
+    weighted = ShapeComplexityLoss(weight=[0.0, 2.0, 0.5], reduction="none")(probability)
+    torch.testing.assert_close(weighted, each * torch.tensor([0.0, 2.0, 0.5]))
+    without = ShapeComplexityLoss(include_background=False, weight=[2.0, 0.5], reduction="none")(probability)
+    torch.testing.assert_close(without, weighted[:, 1:])
+
+
+def test_shapes_that_are_not_in_the_target_are_left_out() -> None:
+    probability = batch()
+    target = (probability > 0.5).long()
+    target[0, 0] = 0
+    each = ShapeComplexityLoss(reduction="none")(probability)
+    found = ShapeComplexityLoss(reduction="none")(probability, target)
+    assert found[0, 0] == found[1, 0] == 0
+    assert ShapeComplexityLoss()(probability, target).item() == pytest.approx(found.sum().item() / 4)
+    torch.testing.assert_close(found[:, 1:], each[:, 1:])
+    slope = gradient(ShapeComplexityLoss(), probability, target)
+    assert not slope[0, 0].any()
+    assert slope[0, 1].any()
+    nothing = ShapeComplexityLoss()(probability, torch.zeros_like(probability))
+    assert nothing == 0
+
+
+def test_descent_removes_the_appendages() -> None:
+    shape = bumpy()
+    slope = gradient(ShapeComplexityLoss(), shape[None, None].float())[0, 0]
+    opened = torch.zeros_like(shape)
+    opened[7:21, 4:22] = True
+    assert bool((shape & ~opened).any())
+    assert bool((slope[shape & ~opened] > 0).all())
+
+
+def test_steps_along_the_gradient_lower_the_hard_complexity() -> None:
+    shape = bumpy()
+    logits = (4.0 * shape - 2.0)[None, None].requires_grad_()
+    loss = ShapeComplexityLoss(activation="sigmoid", reduction="sum")
+    optimiser = torch.optim.Adam([logits], lr=0.3)
+    before = loss(logits).item()
+    for _ in range(12):
+        optimiser.zero_grad()
+        loss(logits).backward()
+        optimiser.step()
+    assert loss(logits).item() < 0.1 * before
+    assert (logits > 0).sum() > 0.7 * shape.sum()
+
+
+def test_an_empty_shape_is_never_rewarded() -> None:
+    empty, tiny = torch.zeros(1, 1, 9, 8), torch.zeros(1, 1, 9, 8)
+    tiny[..., 3, 2:4] = 0.7
+    loss = ShapeComplexityLoss()
+    assert loss(empty) > torchlinf.complexity(bumpy(), spatial_ndim=2)
+    assert not gradient(loss, empty).any()
+    # All moves that would leave less than half of it are left out: none pushes the two pixels out together.
+    assert bool((gradient(loss, tiny).flatten(2).sum(dim=2) <= 0).all())
+
+
+@pytest.mark.parametrize("activation", ["sigmoid", "softmax", torch.sigmoid])
+def test_activations(activation: str | Callable[[Tensor], Tensor]) -> None:
+    logits = 6 * batch() - 3
+    probability = torch.softmax(logits, dim=1) if activation == "softmax" else torch.sigmoid(logits)
+    expected = ShapeComplexityLoss(reduction="none")(probability)
+    torch.testing.assert_close(ShapeComplexityLoss(activation=activation, reduction="none")(logits), expected)
+    assert gradient(ShapeComplexityLoss(activation=activation), logits).any()
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
+def test_dtypes(dtype: torch.dtype) -> None:
+    probability = batch()
+    expected = gradient(ShapeComplexityLoss(), probability)
+    found = gradient(ShapeComplexityLoss(), probability.to(dtype))
+    assert found.dtype == dtype
+    torch.testing.assert_close(found.float(), expected, rtol=0.02, atol=1e-4)
+    loss = ShapeComplexityLoss()(probability.to(dtype))
+    assert loss.dtype == (torch.float64 if dtype == torch.float64 else torch.float32)
+
+
+def test_under_autocast() -> None:
+    layer = torch.nn.Conv2d(3, 3, 3, padding=1)
+    torch.nn.init.dirac_(layer.weight)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        logits = layer(8 * batch() - 4)
+        assert logits.dtype == torch.bfloat16
+        loss = ShapeComplexityLoss(activation="sigmoid")(logits)
+    loss.backward()
+    assert loss.dtype == torch.float32
+    assert layer.weight.grad is not None
+    assert bool(torch.isfinite(layer.weight.grad).all())
+    assert layer.weight.grad.any()
+
+
+def test_masked_pixels_get_no_gradient_and_keep_the_value() -> None:
+    probability = batch()
+    mask = torch.ones(2, 1, 25, 28, dtype=torch.bool)
+    mask[..., :, 14:] = False
+    loss = ShapeComplexityLoss()
+    torch.testing.assert_close(loss(probability, None, mask), loss(probability))
+    slope = gradient(lambda p: loss(p, None, mask), probability)
+    assert not slope[..., 14:].any()
+    torch.testing.assert_close(slope[..., :14], gradient(loss, probability)[..., :14])
+
+
+def test_the_batch_does_not_matter_and_runs_repeat() -> None:
+    probability = batch()
+    loss = ShapeComplexityLoss(reduction="sum")
+    slope = gradient(loss, probability)
+    assert torch.equal(slope, gradient(loss, probability))
+    for b in range(2):
+        assert torch.equal(slope[b : b + 1], gradient(loss, probability[b : b + 1]))
+
+
+def test_strides_do_not_matter() -> None:
+    probability = batch()
+    expected = gradient(ShapeComplexityLoss(), probability)
+    transposed = probability.permute(3, 2, 1, 0).contiguous().permute(3, 2, 1, 0)
+    assert not transposed.is_contiguous()
+    assert torch.equal(gradient(ShapeComplexityLoss(), transposed), expected)
+    wide = ShapeComplexityLoss()(bumpy().float().expand(2, 3, -1, -1))
+    assert wide.item() == pytest.approx(float(torchlinf.complexity(bumpy(), spatial_ndim=2)))
+
+
+def test_one_and_three_dimensions() -> None:
+    line = torch.tensor([0.9, 0.9, 0.1, 0.9, 0.9, 0.9, 0.9])[None, None]
+    assert torch.isfinite(gradient(ShapeComplexityLoss(), line)).all()
+    cube = shapes.cube_with_appendages(8, 3, ["top"], margin=2)[None, None].float()
+    slope = gradient(ShapeComplexityLoss(), cube)
+    top = cube[0, 0].any(dim=2).any(dim=0).nonzero()[0].item()  # the axis of "top" is the second
+    assert bool((slope[0, 0, :, top][cube[0, 0, :, top] > 0] > 0).all())
+
+
+def test_nan_stays_visible() -> None:
+    probability = batch()
+    probability[0, 1, 3, 3] = torch.nan
+    found = ShapeComplexityLoss(reduction="none")(probability)
+    assert found.isnan().nonzero().tolist() == [[0, 1]]
+
+
+def test_compiled_without_a_graph_break() -> None:
+    probability = batch()
+    loss = ShapeComplexityLoss(activation="sigmoid")
+    compiled = torch.compile(loss, fullgraph=True, backend="aot_eager")
+    logits = 8 * probability - 4
+    torch.testing.assert_close(compiled(logits), loss(logits))
+    torch.testing.assert_close(gradient(compiled, logits), gradient(loss, logits))
+
+
+def test_the_operator_keeps_its_promises() -> None:
+    torch.library.opcheck(torchlinf.losses.exact_moves, (batch().flatten(0, 1), 0.5, 0.0, 1.0, 4))
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"low": 0.5, "high": 0.5}, ValueError, "low < high"),
+        ({"activation": "tanh"}, ValueError, "activation must be one of"),
+        ({"activation": 3}, TypeError, "activation must be None"),
+        ({"reduction": "max"}, ValueError, "reduction must be one of"),
+        ({"weight": -1.0}, ValueError, "weight must be"),
+        ({"weight": [[1.0]]}, ValueError, "weight must be"),
+        ({"threshold": 1.0}, ValueError, "threshold must lie"),
+        ({"threshold": "half"}, TypeError, "threshold must be"),
+        ({"max_moves": 0}, ValueError, "max_moves must be"),
+    ],
+)
+def test_wrong_options(options: dict[str, object], error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        ShapeComplexityLoss(**options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("input", "error", "words"),
+    [
+        (torch.zeros(4, 5), ValueError, "input must be"),
+        (torch.zeros(0, 1, 4, 5), ValueError, "not empty"),
+        (torch.zeros(1, 1, 4, 5, dtype=torch.long), TypeError, "floating point"),
+        (3 * torch.ones(1, 1, 4, 5), ValueError, 'activation="sigmoid"'),
+        ([[0.5]], TypeError, "torch.Tensor"),
+    ],
+)
+def test_wrong_input(input: Tensor, error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        ShapeComplexityLoss()(input)
+
+
+def test_wrong_sizes_beside_the_input() -> None:
+    probability = batch()
+    with pytest.raises(ValueError, match="target must have the shape"):
+        ShapeComplexityLoss()(probability, probability[:, :1])
+    with pytest.raises(ValueError, match="each of the 3 channels"):
+        ShapeComplexityLoss(weight=[1.0, 2.0])(probability)
+    with pytest.raises(ValueError, match="2 channels or more"):
+        ShapeComplexityLoss(include_background=False)(probability[:, :1])
