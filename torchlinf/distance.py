@@ -4,13 +4,15 @@ import torch
 from torch import Tensor
 
 from torchlinf._checks import as_mask
+from torchlinf._kernels import usable
 
 
 def chessboard_distance(mask: Tensor, *, spatial_ndim: int | None = None) -> Tensor:
     """Chessboard distance of every inside pixel to the nearest outside pixel, exactly.
 
     Nonzero is inside, as in SciPy and MONAI; Kornia's transform measures the distance to the nonzero pixels instead.
-    Everything beyond the array is outside. The number of operations grows with the logarithm of the shortest side.
+    Everything beyond the array is outside. On the CPU two compiled passes over the
+    pixels find it; on other devices the number of torch operations grows with the logarithm of the shortest side.
 
     Args:
         mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, any strides, any device.
@@ -36,7 +38,16 @@ def chessboard_distance(mask: Tensor, *, spatial_ndim: int | None = None) -> Ten
 
 
 def distance_of(mask: Tensor) -> Tensor:
-    """Distance of a checked mask, bool (N, *spatial); int32 like it.
+    """Distance of a checked mask, bool (N, *spatial); int32 like it. The one place where the way is chosen."""
+    if usable(mask):
+        from torchlinf._compiled import compiled_distance
+
+        return compiled_distance(mask)
+    return eroded_distance(mask)
+
+
+def eroded_distance(mask: Tensor) -> Tensor:
+    """The same in torch operations, on any device.
 
     d(x) > r exactly where the block of radius r around x lies in the shape. So d - 1 is found bit by bit, from the
     highest. Let a(x) < d(x) be the bits found, a multiple of 2h. Bit h is set where every y in the block of radius h

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from torchlinf._checks import choice, count
+from torchlinf._kernels import usable
 
 # The lower edge of every bin lies this share of a bin below its nominal place; see level_entropy.
 EDGE_SLACK = 1e-6
@@ -52,11 +53,15 @@ def level_values(
         tensor([0.0000, 0.9183], dtype=torch.float64)
     """
     check_estimator(estimator, bins)
-    inside = distance.flatten(1) > 0  # (N, P)
     flat = field.flatten(1)
     peak = flat.amax(dim=1)  # (N,)
     if not bool(torch.isfinite(peak).all()):
         raise ValueError("field must be finite; got NaN or infinity. Solve the field again with another rho.")
+    if usable(field):
+        from torchlinf._compiled import compiled_level_values
+
+        return compiled_level_values(field, distance, radius, estimator, bins, EDGE_SLACK)
+    inside = distance.flatten(1) > 0  # (N, P)
     shape = inside.nonzero()[:, 0]  # (pixels,) the shape that each inside pixel belongs to
     level = first_level(radius)[shape] + distance.flatten(1)[inside].long() - 1
     return ESTIMATORS[estimator](flat[inside] / peak[shape], level, int(radius.sum()), bins)

@@ -1,9 +1,9 @@
 """How a field is solved: one file per method, one loop that knows no method, and the table METHODS."""
 
-import importlib.util
 from collections.abc import Callable
-from functools import cache, partial
+from functools import partial
 
+from torchlinf._kernels import has_compiler, usable
 from torchlinf._solver.accelerated import Accelerated
 from torchlinf._solver.iterate import iterate
 from torchlinf._solver.monotone import Monotone
@@ -33,12 +33,6 @@ METHODS: dict[str, Solver] = {
 }
 
 
-@cache
-def has_compiler() -> bool:
-    """Whether numba is installed."""
-    return importlib.util.find_spec("numba") is not None
-
-
 def automatic(problem: Problem) -> str:
     """The method that ``method="auto"`` stands for: the one place of that choice."""
-    return "compiled" if problem.mask.device.type == "cpu" and has_compiler() else "accelerated"
+    return "compiled" if usable(problem.mask) else "accelerated"

@@ -17,9 +17,9 @@ from torchlinf._solver.status import Status
 
 SWEEPS = 32  # between two solves; doubled where progress stalls, which ends since sweeps alone converge
 COARSEST = 8  # radius up to which no coarser grid is worth its while
-COARSE_TOL = 0.1  # residual beyond which a coarse field would be no better a start
+COARSE_TOL = 0.01  # residual beyond which a coarse field would be no better a start
 TIE = 1e-11  # share of max f within which neighbours are equal: rounding, not geometry
-NOISE = 1e-4  # share of the residual down to which linear solves go, and within which neighbours are equal meanwhile
+NOISE = 1e-5  # share of the residual down to which linear solves go, and within which neighbours are equal meanwhile
 
 
 def compiled(problem: Problem, tol: float, max_sweeps: int | None) -> Solved:
