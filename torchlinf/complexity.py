@@ -7,9 +7,8 @@ from torch import Tensor
 
 from torchlinf._checks import as_mask, real_dtype, window
 from torchlinf._profile import ComplexityProfile
-from torchlinf.distance import distance_of
 from torchlinf.entropy import check_estimator, first_level, level_values
-from torchlinf.field import solve_field
+from torchlinf.field import pose, solve
 
 __all__ = ["ComplexityProfile", "complexity", "complexity_profile"]
 
@@ -69,16 +68,16 @@ def complexity_profile(
     real_dtype(dtype)
     grid, slack = _scale_grid(scales)
     inside, lead = as_mask(mask, spatial_ndim)
-    solution = solve_field(mask, rho=rho, tol=tol, method=method, spatial_ndim=spatial_ndim)
-    distance = distance_of(inside)
-    radius = distance.flatten(1).amax(dim=1).long()  # (N,)
-    found = level_values(solution.value.reshape(inside.shape), distance, radius, estimator=estimator, bins=bins)
+    problem = pose(inside, rho, lead)
+    solved = solve(problem, lead, tol=tol, method=method)
+    radius = problem.radius.long()  # (N,)
+    found = level_values(solved.value, problem.distance, radius, estimator=estimator, bins=bins)
     grid = grid.to(found)
     return ComplexityProfile(
         scales=grid.to(dtype or found.dtype),
         values=_at_scales(found, radius, grid - slack).reshape(*lead, len(grid)).to(dtype or found.dtype),
         radius=radius.reshape(lead),
-        error_bound=solution.error_bound,
+        error_bound=solved.error_bound.reshape(lead),
         level_values=found,
     )
 

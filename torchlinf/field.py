@@ -91,15 +91,10 @@ def solve_field(
         (True, 'CONVERGED')
     """
     shapes, lead = as_mask(mask, spatial_ndim)
-    tol = positive(tol, "tol")
-    choice(method, ("auto", *METHODS), "method")
     if max_sweeps is not None:
         max_sweeps = count(max_sweeps, "max_sweeps")
     real_dtype(dtype)
-    problem = pose(shapes, rho, lead)
-    solved = METHODS[automatic(problem) if method == "auto" else method](problem, tol, max_sweeps)
-    if throw:
-        _raise_failures(solved, tol, lead)
+    solved = solve(pose(shapes, rho, lead), lead, tol=tol, method=method, max_sweeps=max_sweeps, throw=throw)
     return FieldSolution(
         value=solved.value.to(dtype or solved.value.dtype).reshape(*lead, *shapes.shape[1:]),
         error_bound=solved.error_bound.reshape(lead),
@@ -160,6 +155,18 @@ def pose(mask: Tensor, rho: float | Tensor | None, lead: tuple[int, ...]) -> Pro
     elif rho is not None:
         length = torch.full_like(length, positive(rho, "rho"))
     return Problem(mask, distance, radius, length**-2)
+
+
+def solve(
+    problem: Problem, lead: tuple[int, ...], *, tol: float, method: str, max_sweeps: int | None = None, throw: bool = True
+) -> Solved:
+    """Solve a posed problem by the method of that name; `lead` is for the message that names failed shapes."""
+    tol = positive(tol, "tol")
+    choice(method, ("auto", *METHODS), "method")
+    solved = METHODS[automatic(problem) if method == "auto" else method](problem, tol, max_sweeps)
+    if throw:
+        _raise_failures(solved, tol, lead)
+    return solved
 
 
 def _raise_failures(solved: Solved, tol: float, lead: tuple[int, ...]) -> None:
