@@ -130,7 +130,9 @@ def solve_policies(v, starts, ends, up, down, factors, screening, tol, owner, ch
                     chains[LOW, caller] = min(chains[LOW, caller], low)
                 else:
                     if height == chain + 1 and chains[VISITED, chain] < _LOOP:
-                        solve_chain(v, chains[HEAD, chain], chains[LAST, chain], up, down, factors, screening, work, owner)
+                        solve_chain(
+                            v, chains[HEAD, chain], chains[LAST, chain], up, down, factors, screening, work, owner
+                        )
                     else:
                         unknowns += solve_component(
                             v, chain, height, chains, owner, up, down, factors, screening, tol, work

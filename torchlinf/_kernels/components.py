@@ -121,5 +121,3 @@ def _eliminate(constant, weight, index, x):  # type: ignore[no-untyped-def]
         for column in range(j + 1, size):
             total -= matrix[j, column] * x[column]
         x[j] = total / matrix[j, j]
-
-

@@ -4,8 +4,6 @@ A run is a row segment of the shape. Its block max is taken in two steps that bo
 neighbouring rows, column by column, then over three adjacent columns.
 """
 
-import numpy as np
-
 from torchlinf._kernels._compile import kernel
 
 

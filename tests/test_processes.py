@@ -1,0 +1,126 @@
+"""Kernels in other processes, without a compiler, from a read-only folder, and interrupted."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+from torch.utils.data import DataLoader, Dataset
+
+import torchlinf
+
+ROOT = Path(torchlinf.__file__).parents[1]
+
+
+class Discs(Dataset[float]):
+    """The complexity of discs, computed where the sample is loaded."""
+
+    def __len__(self) -> int:
+        return 6
+
+    def __getitem__(self, index: int) -> float:
+        return torchlinf.complexity(torchlinf.shapes.disc(10 + index), spatial_ndim=2).item()
+
+
+def run(script: str, *, path: Path = ROOT, **environment: str) -> str:
+    """What a fresh interpreter prints that imports torchlinf from `path`, warnings being errors."""
+    command = [sys.executable, "-W", "error", "-c", script]
+    variables = {**os.environ, "PYTHONPATH": str(path), **environment}
+    result = subprocess.run(command, env=variables, cwd="/", capture_output=True, text=True, timeout=120, check=False)
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+@pytest.mark.parametrize("start", ["fork", "spawn"])
+def test_loader_workers_after_the_parent_used_the_kernels(start: str) -> None:
+    dataset = Discs()
+    expected = [dataset[i] for i in range(len(dataset))]  # the parent compiles, and has used its threads
+    torchlinf.complexity(torch.stack([torchlinf.shapes.disc(12)] * 4), spatial_ndim=2)
+    loader = DataLoader(dataset, num_workers=2, multiprocessing_context=start, timeout=100)
+    assert [value.item() for value in loader] == expected
+
+
+def test_without_numba_everything_works_on_the_torch_path() -> None:
+    script = """
+import sys
+sys.modules["numba"] = None  # importing it now fails, as if it were not installed
+import importlib.util
+find = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if name == "numba" else find(name, *rest)
+import torch, torchlinf
+mask = torchlinf.shapes.disc(16)
+print(*[torchlinf.complexity(mask, estimator=name, spatial_ndim=2).item() for name in ("entropy", "std")])
+try:
+    torchlinf.solve_field(mask, method="compiled", spatial_ndim=2)
+except ImportError as error:
+    print(error)
+"""
+    numbers, message = run(script).splitlines()
+    mask = torchlinf.shapes.disc(16)
+    here = [torchlinf.complexity(mask, estimator=name, spatial_ndim=2).item() for name in ("entropy", "std")]
+    assert [float(number) for number in numbers.split()] == pytest.approx(
+        here, rel=1e-8
+    )  # each is certified to 1e-9 alone
+    assert "pip install numba" in message
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="permissions are set as on POSIX")
+def test_read_only_install_without_a_home_still_computes(tmp_path: Path) -> None:
+    """Where numba finds no folder for its cache, the kernels compile in memory."""
+    shutil.copytree(ROOT / "torchlinf", tmp_path / "torchlinf", ignore=shutil.ignore_patterns("__pycache__"))
+    blocker = tmp_path / "blocker"
+    blocker.write_text("a file, where a folder would be needed")
+    for path in (tmp_path / "torchlinf").rglob("*"):
+        if path.is_dir():
+            (path / "__pycache__").write_text("no folder either")  # holds for root too, unlike permissions
+    script = (
+        "import torchlinf; print(torchlinf.chessboard_distance(torchlinf.shapes.disc(9), spatial_ndim=2).sum().item())"
+    )
+    printed = run(
+        script, path=tmp_path, PYTHONDONTWRITEBYTECODE="1", HOME=str(blocker), XDG_CACHE_HOME=str(blocker / "cache")
+    )
+    assert int(printed) == torchlinf.chessboard_distance(torchlinf.shapes.disc(9), spatial_ndim=2).sum()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends a POSIX signal")
+def test_interrupt_ends_a_batch_promptly() -> None:
+    script = """
+import signal, torch, torchlinf
+signal.signal(signal.SIGINT, signal.default_int_handler)
+torch.set_num_threads(2)
+rng = torch.Generator().manual_seed(0)
+torchlinf.solve_field(torchlinf.shapes.disc(8), spatial_ndim=2)
+masks = torch.rand(400, 400, 400, generator=rng) > 0.01
+print("ready", flush=True)
+try:
+    torchlinf.solve_field(masks, tol=1e-12, spatial_ndim=2)
+    print("finished")
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+    process = subprocess.Popen(
+        [sys.executable, "-c", script],
+        env={**os.environ, "PYTHONPATH": str(ROOT)}, cwd="/", stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(1.0)
+        process.send_signal(signal.SIGINT)
+        sent = time.monotonic()
+        assert process.communicate(timeout=60)[0] == "interrupted\n"
+        assert time.monotonic() - sent < 20
+    finally:
+        process.kill()
+
+
+def test_import_is_light() -> None:
+    heavy = ["numba", "scipy", "skimage", "matplotlib", "typer", "rich", "kornia"]
+    script = "import sys, torch; before = set(sys.modules); import torchlinf; "
+    script += f"print([name for name in {heavy} if name in set(sys.modules) - before])"
+    assert run(script).strip() == "[]"
