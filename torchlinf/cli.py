@@ -1,7 +1,9 @@
 """The command `torchlinf`: scores of mask files as a table, and profiles as a picture."""
 
+import logging
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -64,6 +66,9 @@ MaxPixels = Annotated[int, typer.Option(min=1, metavar="N", help="Refuse larger 
 
 def main() -> None:
     """Run the command; the entry point of the package."""
+    # What is odd about a file is said in its row, if it matters.
+    warnings.filterwarnings("ignore", module=r"PIL\.")
+    logging.getLogger("tifffile").disabled = True
     try:
         app()
     except SystemExit as stop:

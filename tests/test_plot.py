@@ -1,0 +1,148 @@
+"""Figures: what is drawn is what the core says, axes are labelled, and bad input is refused."""
+
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any, TypeAlias
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import torch
+from matplotlib.axes import Axes
+
+import torchlinf
+from torchlinf import plot, shapes
+
+Draw: TypeAlias = Callable[[Any], Any]
+
+DISC = shapes.disc(14, margin=1)
+TALL = shapes.box(22, 9)
+SHAPES = {"disc": DISC, "box": TALL, "bow": shapes.superellipse(13, 0.7)}
+
+
+@pytest.fixture(autouse=True)
+def _close_figures() -> Iterator[None]:
+    yield
+    plt.close("all")
+
+
+def labels(ax: Axes) -> tuple[str, str]:
+    return ax.get_xlabel(), ax.get_ylabel()
+
+
+def test_the_staircase_of_a_profile_is_its_levels() -> None:
+    ax = plot.profile(DISC, label="disc")
+    values, edges, _ = ax.patches[0].get_data()
+    levels = torchlinf.complexity_profile(DISC, spatial_ndim=2).levels()
+    np.testing.assert_array_equal(values, levels)
+    np.testing.assert_allclose(edges, np.arange(len(levels) + 1) / len(levels))
+    assert labels(ax) == ("scale t = d / D (share of the radius)", "complexity (bits)")
+    assert ax.get_xlim() == (0, 1)
+    assert ax.get_ylim()[0] < 0 < values.max() < ax.get_ylim()[1]
+
+
+def test_profiles_share_axes_in_colours_of_their_own() -> None:
+    ax = plot.profile(TALL)
+    for mask in (DISC, shapes.cube_with_appendages(9, 3, ["left"]), torch.ones(12)):
+        assert plot.profile(mask, ax=ax) is ax
+    assert len({patch.get_edgecolor() for patch in ax.patches}) == 4
+    assert ax.get_ylim()[1] > max(patch.get_data().values.max() for patch in ax.patches)
+
+
+def test_a_profile_of_zero_can_be_seen() -> None:
+    bottom, top = plot.profile(TALL).get_ylim()
+    assert bottom < 0
+    assert top > 1
+
+
+@pytest.mark.parametrize("of", ["field", "distance"])
+def test_level_lines_lie_where_the_values_are(of: str) -> None:
+    ax = plot.levels(TALL, of=of)
+    assert labels(ax) == ("column (pixels)", "row (pixels)")
+    assert ax.get_aspect() == 1
+    assert ax.yaxis_inverted()
+    (lines,) = ax.collections
+    assert list(lines.levels) == pytest.approx([0.1 * k for k in range(1, 10)])
+    # The middle line is a box around the centre of the box, whose values depend on the distance alone.
+    x, y = lines.get_paths()[4].vertices.T
+    assert (x.min() + x.max(), y.min() + y.max()) == pytest.approx((8, 21))
+    assert 0 < x.min() < x.max() < 8
+    assert x.min() == pytest.approx(y.min())
+
+
+def test_lines_of_a_shape_at_the_border_are_closed() -> None:
+    ax = plot.levels(torch.ones(7, 12))
+    for path in ax.collections[0].get_paths():
+        for polygon in path.to_polygons(closed_only=False):
+            np.testing.assert_array_equal(polygon[0], polygon[-1])
+
+
+def test_of_a_volume_the_deepest_slice_is_drawn() -> None:
+    volume = torch.zeros(9, 12, 15, dtype=torch.bool)
+    volume[0:3, 2:5, 2:5] = True
+    volume[2:9, 4:11, 6:14] = True
+    image = plot.levels(volume).images[0].get_array()[1:-1, 1:-1]
+    np.testing.assert_array_equal(image, volume[5])
+
+
+def test_shapes_are_sorted_by_complexity() -> None:
+    figure = plot.shapes(SHAPES)
+    profiles, *panels = figure.axes
+    numbers = {name: float(torchlinf.complexity(mask, spatial_ndim=2)) for name, mask in SHAPES.items()}
+    order = sorted(SHAPES, key=numbers.__getitem__)
+    assert [panel.get_xlabel() for panel in panels] == [f"{name}\n{numbers[name]:.2f} bits" for name in order]
+    assert [patch.get_label() for patch in profiles.patches] == order
+    assert len(profiles.get_legend().texts) == 3
+    assert labels(profiles)[1] == "complexity (bits)"
+
+
+def test_overview_draws_every_mask_twice() -> None:
+    figure = plot.overview(SHAPES)
+    profiles, *panels = figure.axes
+    assert [panel.get_title() for panel in panels] == ["field f / max f", "scale t = d / D"] * 3
+    assert all(len(panel.collections) == len(panel.images) == 1 for panel in panels)
+    assert len(profiles.patches) == 3
+    assert plot.overview({"a": DISC}).axes[0].get_legend() is None
+
+
+@pytest.mark.parametrize("count", [1, 2, 7])
+@pytest.mark.parametrize("draw", [plot.shapes, plot.overview])
+def test_nothing_overlaps_or_leaves_the_page(draw: Draw, count: int) -> None:
+    figure = draw({f"a mask with a name too long to print, {i}": DISC if i % 2 else TALL for i in range(count)})
+    figure.canvas.draw()
+    boxes = [ax.get_tightbbox() for ax in figure.axes]
+    assert len(boxes) == 1 + count * (2 if draw is plot.overview else 1)
+    width, height = figure.bbox.size
+    for i, box in enumerate(boxes):
+        assert -1 <= box.x0 < box.x1 <= width + 1
+        assert -1 <= box.y0 < box.y1 <= height + 1
+        assert not any(box.padded(-1).overlaps(other) for other in boxes[:i])
+
+
+@pytest.mark.parametrize("draw", [plot.profile, plot.levels, lambda mask: plot.shapes({"a": mask})])
+def test_bad_input_is_refused_before_a_figure_is_opened(draw: Draw) -> None:
+    for mask, error, words in [
+        (torch.zeros(4, 6), ValueError, "at least one pixel inside"),
+        (torch.full((4, 6), 0.5), ValueError, "must hold only 0 and 1"),
+        (np.ones((4, 6)), TypeError, "from_numpy"),
+    ]:
+        with pytest.raises(error, match=words):
+            draw(mask)
+    assert plt.get_fignums() == []
+
+
+def test_more_bad_input() -> None:
+    with pytest.raises(ValueError, match=r"mask must be \(H, W\) or \(D, H, W\); got \(1, 1, 4, 6\)"):
+        plot.levels(torch.ones(1, 1, 4, 6))
+    with pytest.raises(ValueError, match="of must be 'field' or 'distance'; got 'f'"):
+        plot.levels(DISC, of="f")
+    for draw in (plot.shapes, plot.overview):
+        with pytest.raises(ValueError, match="at least one mask"):
+            draw({})
+
+
+def test_without_matplotlib_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
+    for draw in (plot.profile, plot.levels, lambda mask: plot.shapes({"a": mask})):
+        with pytest.raises(ImportError, match=r"pip install 'torchlinf\[plot\]'"):
+            draw(DISC)
