@@ -147,7 +147,7 @@ def linf_field(
     solved = solve(problem, lead, tol=tol, method="auto")
     value = solved.value
     if isinstance(rho, Tensor) and rho.requires_grad:
-        length = positive_tensor(rho, lead, "rho").to(value).reshape(-1, *[1] * (value.ndim - 1))
+        length = rho.to(value).broadcast_to(lead).reshape(-1, *[1] * (value.ndim - 1))
         value = attach_gradient(value, shapes / (2 + length**-2), solved.error_bound)
     return normalised(value).reshape(mask.shape).to(dtype or value.dtype)
 
@@ -168,7 +168,7 @@ def pose(mask: Tensor, rho: float | Tensor | None, lead: tuple[int, ...]) -> Pro
     radius = distance.flatten(1).amax(dim=1)
     length = radius.clamp(min=1).to(torch.float32 if mask.device.type == "mps" else torch.float64)
     if isinstance(rho, Tensor):
-        length = positive_tensor(rho.detach(), lead, "rho").to(length).reshape(-1)
+        length = positive_tensor(rho, lead, "rho").to(length).reshape(-1)
     elif rho is not None:
         length = torch.full_like(length, positive(rho, "rho"))
     return Problem(mask, distance, radius, length**-2)
