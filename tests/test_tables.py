@@ -87,6 +87,23 @@ def test_on_a_terminal_the_table_is_drawn(capsys: pytest.CaptureFixture[str], mo
     assert "failed b.png: no such file" in shown
 
 
+@pytest.mark.parametrize(
+    ("paths", "shown"),
+    [
+        (["m/a.png", "m/b/c.png"], ["a.png", "b/c.png"]),
+        (["m/a.png"], ["a.png"]),
+        (["a.png", "b.png"], ["a.png", "b.png"]),
+        (["/m/a.png", "b.png"], ["/m/a.png", "b.png"]),
+        (["/m/a.png", "/n/b.png"], ["/m/a.png", "/n/b.png"]),
+    ],
+)
+def test_names_are_cut_by_what_they_share(
+    paths: list[str], shown: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    print_table([Score(path, error="empty") for path in paths])
+    assert capsys.readouterr().out == "".join(f"failed {name}: empty\n" for name in shown)
+
+
 def test_a_table_of_nothing_is_empty(capsys: pytest.CaptureFixture[str]) -> None:
     print_table([])
     assert capsys.readouterr().out == ""

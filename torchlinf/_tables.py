@@ -120,7 +120,7 @@ def print_table(rows: Sequence[Score]) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    console, folder = Console(), os.path.commonpath([os.path.dirname(row.path) for row in rows] or [""])
+    console, folder = Console(highlight=False), _common_folder(rows)
     names = [os.path.relpath(row.path, folder) if folder else row.path for row in rows]
     table = Table(title=escape(folder), caption=CAPTION, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("mask", overflow="fold")
@@ -135,7 +135,16 @@ def print_table(rows: Sequence[Score]) -> None:
         console.print(table)
     for name, row in zip(names, rows, strict=True):
         if row.error is not None:
-            console.print(f"[red]failed[/] {escape(name)}: {escape(row.error)}")
+            console.print(f"[red]failed[/] {escape(name)}: {escape(row.error)}", soft_wrap=True)
+
+
+def _common_folder(rows: Sequence[Score]) -> str:
+    """The folder that the names can be cut by; empty if there is none but the root."""
+    try:
+        folder = os.path.commonpath([os.path.dirname(row.path) for row in rows])
+    except ValueError:  # no rows, or absolute paths beside relative ones
+        return ""
+    return "" if folder == os.path.dirname(folder) else folder
 
 
 class StandardOutput:

@@ -114,8 +114,8 @@ def shapes(masks: Mapping[str, Tensor]) -> "Figure":
     """
     solved = solve_all(masks)
     names = sorted(masks, key=lambda name: float(solved[name].mean()))
-    columns = len(names) if len(names) <= 5 else ceil(len(names) / ceil(len(names) / 5))
-    rows = ceil(len(names) / columns)
+    rows = ceil(len(names) / 5)
+    columns = ceil(len(names) / rows)
     figure, top, ax_profiles = page(max(1.9 * columns, 6.0), 2.3 * rows, 3.2)
     panels = list(top.subplots(rows, columns, squeeze=False).flat)
     for panel in panels[len(names) :]:
@@ -150,17 +150,19 @@ def overview(masks: Mapping[str, Tensor]) -> "Figure":
         ['field f / max f', 'scale t = d / D']
     """
     solved = solve_all(masks)
-    columns = min(len(masks), 3)
-    rows = ceil(len(masks) / columns)
+    rows = ceil(len(masks) / 3)
+    columns = ceil(len(masks) / rows)
     figure, top, ax_profiles = page(max(4.4 * columns, 6.4), 2.9 * rows, 3.4)
     pairs = top.subfigures(rows, columns, squeeze=False).flat
     for pair, name, look in zip(pairs, masks, looks(len(masks)), strict=False):
-        pair.suptitle(f"{shorten(name)}: {float(solved[name].mean()):.3f} bits", fontsize=11)
+        cut = ", deepest slice" if masks[name].ndim == 3 else ""
+        pair.suptitle(f"{shorten(name)}{cut}: {float(solved[name].mean()):.3f} bits", fontsize=11)
         left, right = pair.subplots(1, 2, sharey=True)
         for panel, values, title in zip((left, right), slices(masks[name]), TITLES.values(), strict=True):
             draw_levels(panel, values, look.color)
             panel.set_title(title, fontsize=9)
             panel.set_xlabel("column (pixels)", fontsize=8)
+            panel.set_anchor("N")
             panel.tick_params(labelsize=8)
         left.set_ylabel("row (pixels)", fontsize=8)
         draw_profile(ax_profiles, solved[name], shorten(name), look)
