@@ -19,6 +19,7 @@ NEVER = 1 << 60
 class Method(Protocol):
     """One way to sweep, for all shapes of a system at once; each shape goes its own way."""
 
+    step_sweeps: int
     line: Tensor
     system: System
 
@@ -29,8 +30,8 @@ class Method(Protocol):
     def limit(radius: Tensor) -> Tensor:
         """Sweeps allowed by default to shapes of these radii."""
 
-    def sweep(self) -> None:
-        """One application of the stencil to every shape; leaves the values on `line`."""
+    def step(self) -> None:
+        """Apply the stencil `step_sweeps` times to every shape; leaves the values on `line`."""
 
     def select(self, keep: Tensor) -> None:
         """Go on with the shapes of these indices only."""
@@ -109,8 +110,8 @@ class _Batch:
         self.bound = torch.where(better, bound, self.bound)
         torch.where(better[:, None], values, self.best, out=self.best)
         floor = 4 * torch.finfo(self.best.dtype).eps * self.best.amax(dim=1)
-        # a round is at least one sweep and its certificate
-        status = torch.where(self.done + 2 > self.limit, int(Status.MAX_SWEEPS), NEVER)
+        # a round is at least one step and its certificate
+        status = torch.where(self.done + self.method.step_sweeps + 1 > self.limit, int(Status.MAX_SWEEPS), NEVER)
         status = torch.where(bound.isnan(), int(Status.NONFINITE), status)
         return torch.where(self.bound <= floor.clamp(min=tol), int(Status.CONVERGED), status)
 
@@ -139,6 +140,7 @@ class _Batch:
         sweeps = ROUND * max(1, self.done // ROUND**2)
         if self.max_sweeps is not None:
             sweeps = min(sweeps, self.max_sweeps - self.done - 1)
-        for _ in range(sweeps):
-            self.method.sweep()
-        self.done += sweeps
+        steps = sweeps // self.method.step_sweeps
+        for _ in range(steps):
+            self.method.step()
+        self.done += steps * self.method.step_sweeps

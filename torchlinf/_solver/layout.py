@@ -79,7 +79,6 @@ class System:
         self.screening = screening
         self.radius = radius
         self._weight = inside / (2 + screening)
-        self._half_weight = self._weight / 2
         self._high, self._low, self._pairs = (layout.line(torch.zeros_like(inside)) for _ in range(3))
 
     def select(self, keep: Tensor) -> "System":
@@ -90,13 +89,6 @@ class System:
         """Set out = T v = (M v + N v + 1) / (2 + s) on the shapes and 0 elsewhere, `(N, pixels)`, for v on `line`."""
         high, low = self._extrema(line)
         torch.add(high, low, out=out).add_(1).mul_(self._weight)
-
-    def average(self, line: Tensor, out: Tensor) -> None:
-        """Set out = (v + T v) / 2, `(N, pixels)`, for v on `line`."""
-        high, low = self._extrema(line)
-        torch.add(high, low, out=out).add_(1).mul_(self._half_weight)
-        # half of v is exact, so this sum is rounded once, fused or not
-        out.add_(self.layout.rows(line), alpha=0.5)
 
     def residual(self, line: Tensor) -> Tensor:
         """R(v) as `torchlinf._stencil.residual` takes it, `(N, pixels)`; the next call overwrites it."""

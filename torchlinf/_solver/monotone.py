@@ -8,6 +8,8 @@ from torchlinf._solver.layout import System
 class Monotone:
     """v <- T v. T is monotone and a contraction by 2 / (2 + s): this always ends, after a multiple of D^2 sweeps."""
 
+    step_sweeps = 1
+
     def __init__(self, system: System, line: Tensor) -> None:
         self.system = system
         self.line = line
@@ -18,7 +20,7 @@ class Monotone:
         """Sweeps allowed by default: 40 D^2 + 1000. From zero, and with rho = D, about 17 D^2 are needed."""
         return 40 * radius**2 + 1000
 
-    def sweep(self) -> None:
+    def step(self) -> None:
         """One application of T to every shape."""
         self.system.sweep(self.line, out=self.system.layout.rows(self._next))
         self.line, self._next = self._next, self.line
