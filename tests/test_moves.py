@@ -110,19 +110,27 @@ def test_the_density_of_one_move_adds_up_to_its_difference() -> None:
     assert difference == pytest.approx(-float(body))  # what is left is a box
 
 
-def test_the_largest_moves_come_first_and_ties_stay_together() -> None:
+def test_octaves_of_size_take_turns_and_ties_stay_together() -> None:
     inside = torch.ones(1, 4, 6, dtype=torch.bool)
-    of_sizes = [np.arange(start, start + n) for start, n in enumerate((1, 3, 2, 3, 13, 2, 2))]
+    of_sizes = [np.arange(start, start + n) for start, n in enumerate((1, 3, 2, 3, 13, 2, 7, 12))]
     of_sizes.append(np.array([3, 2, 1]))  # the first of size 3 again
 
     def sizes(max_moves: int) -> list[int]:
         return [len(move) for move in _moves.select(inside, [of_sizes], max_moves)[0]]
 
-    assert sizes(9) == [3, 3, 2, 2, 2, 1]  # not the one of 13: it leaves less than half
-    assert sizes(6) == [3, 3, 2, 2, 2, 1]
-    assert sizes(5) == [3, 3, 2, 2, 2]
-    assert sizes(4) == sizes(3) == sizes(2) == [3, 3]
-    assert sizes(1) == []
+    assert sizes(9) == [12, 7, 3, 3, 1, 2, 2]  # not the one of 13: it leaves less than half
+    assert sizes(6) == sizes(5) == [12, 7, 3, 3, 1]
+    assert sizes(4) == [12, 7, 3, 3]
+    assert sizes(3) == [12, 7, 1]
+    assert sizes(1) == [12]
+
+
+def test_a_large_opening_leads_from_a_disc_to_a_square() -> None:
+    disc = shapes.disc(24, margin=4)
+    moves = _moves.select(disc[None], _moves.candidates(disc[None].double(), 0.5), 16)
+    difference = _moves.differences(disc[None], moves, 0.0, 1.0)[1][0]
+    assert difference.min() < -1.0
+    assert len(moves[0][difference.argmin()]) > 400
 
 
 @pytest.mark.parametrize("size", [(13,), (15, 18), (6, 7, 8)])

@@ -14,7 +14,9 @@ from torch import Tensor
 
 from torchlinf.complexity import complexity
 
-SIDES = range(2, 9)  # pixels; of the squares and bars that open and close the shape
+# Sides in pixels of the squares and bars that open and close the shape: every small one, then in steps of sqrt 2. The
+# large ones are what leads a disc out of its local minimum, where no small move helps.
+SIDES = (2, 3, 4, 5, 6, 7, 8, 11, 16, 23, 32, 45, 64)
 DOUBT = (0.3, 0.7)  # levels of the prediction that are compared with the shape, for a threshold of 1/2
 SOLVE_PIXELS = 1 << 22  # of the masks that are solved in one call, which bounds the memory
 
@@ -77,21 +79,25 @@ def candidates(probability: Tensor, threshold: float) -> list[list[Move]]:
 
 
 def select(inside: Tensor, moves: list[list[Move]], max_moves: int) -> list[list[Move]]:
-    """The largest moves of each shape, each once, at most `max_moves`, none of more than half the shape's area.
+    """At most `max_moves` moves of each shape, each once, of all sizes, none of more than half the shape's area.
 
-    A shape that all but vanishes is not a simple shape, so such moves must never be proposed. Of moves of equal size
-    all are taken or none, so that the choice commutes with flips of the shape.
+    Sizes are classed by octaves, and the largest moves left of each octave are taken in turn: large moves lead out of
+    local minima, small ones say where the outline is rough. Of moves of equal size all are taken or none, so that the
+    choice commutes with flips of the shape. A shape that all but vanishes is not a simple shape: moves towards that
+    must never be proposed.
     """
     chosen: list[list[Move]] = []
     for shape, found in zip(inside, moves, strict=True):
         limit = int(shape.sum()) // 2
         ranked = sorted((move for move in found if len(move) <= limit), key=len, reverse=True)
-        taken: list[Move] = []
-        for _, tied in itertools.groupby(ranked, key=len):
+        octaves: dict[int, list[list[Move]]] = {}
+        for size, tied in itertools.groupby(ranked, key=len):
             different = {move.tobytes(): move for move in map(np.sort, tied)}
-            if len(taken) + len(different) > max_moves:
-                break
-            taken.extend(different.values())
+            octaves.setdefault(size.bit_length(), []).append(list(different.values()))
+        taken: list[Move] = []
+        for together in itertools.chain.from_iterable(itertools.zip_longest(*octaves.values(), fillvalue=[])):
+            if len(taken) + len(together) <= max_moves:
+                taken.extend(together)
         chosen.append(taken)
     return chosen
 

@@ -26,7 +26,7 @@ class ShapeComplexityLoss(nn.Module):
     The value is `torchlinf.complexity` of the thresholded prediction, so that what is logged is what a user would
     measure. Its gradient comes from exact moves (docs/regulariser): regions of the shape that might be removed or
     filled as a whole are tried one by one, and the change dC that each of them makes to the complexity is spread over
-    its pixels. Moving the probability of a region R by a small e changes the loss by e dC(R), up to the other moves that
+    its pixels. Moving the probability of a region R by a small e changes the loss by e dC(R), up to other moves that
     overlap R.
 
     It regularises; it does not know what is in the image. Add it to a data term, such as Dice or cross-entropy. A
@@ -43,8 +43,8 @@ class ShapeComplexityLoss(nn.Module):
         reduction: "mean" over the shapes, "sum", or "none" for a (B, C) tensor.
         include_background: if False, channel 0 is dropped.
         threshold: a pixel is inside a shape if its probability is larger; in (0, 1).
-        max_moves: moves tried per shape, the largest regions first. Each is one solve; the time of a step is about
-            that of `torchlinf.complexity` on (1 + max_moves) B C masks.
+        max_moves: moves tried per shape at most, spread over all sizes of regions. Each is one solve; the time of a
+            step is about that of `torchlinf.complexity` on (1 + max_moves) B C masks.
 
     Shape:
         - input: (B, C, *spatial) with 1 to 3 spatial dimensions, each (b, c) one shape, floating point, any device; the
