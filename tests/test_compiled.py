@@ -6,7 +6,7 @@ import torch
 from scipy import ndimage
 
 from torchlinf import Status, chessboard_distance, complexity_profile, shapes, solve_field
-from torchlinf._kernels import chains, components, grid, krylov, sweeps, thomas
+from torchlinf._kernels import chains, components, grid, krylov, thomas
 from torchlinf._kernels.distance import chessboard_of
 
 SIDES = {1: (37,), 2: (17, 26), 3: (7, 10, 8), 4: (4, 6, 5, 5)}

@@ -15,11 +15,12 @@ from torchlinf._parallel import for_each
 from torchlinf._solver.problem import Problem, Solved
 from torchlinf._solver.status import Status
 
-SWEEPS = 32  # between two solves; doubled where progress stalls, which ends since sweeps alone converge
+SWEEPS = 32  # between two solves, or D / 8 if that is more; doubled where progress stalls: sweeps alone converge
+PATIENCE = 3  # rounds without half the residual after which progress counts as stalled
 COARSEST = 8  # radius up to which no coarser grid is worth its while
 COARSE_TOL = 0.01  # residual beyond which a coarse field would be no better a start
 TIE = 1e-11  # share of max f within which neighbours are equal: rounding, not geometry
-NOISE = 1e-5  # share of the residual down to which linear solves go, and within which neighbours are equal meanwhile
+NOISE = 1e-7  # share of the residual down to which linear solves go, and within which neighbours are equal meanwhile
 
 
 def compiled(problem: Problem, tol: float, max_sweeps: int | None) -> Solved:
@@ -140,7 +141,7 @@ class Field:
     def iterate(self) -> None:
         """Sweep and solve in turn until certified, or the sweeps are used up."""
         system = chains.PolicySystem(self.shape.grid, self.shape.screening)
-        count = SWEEPS
+        count, idle = max(SWEEPS, self.shape.radius // 8), 0
         best = np.inf
         while self.sweeps() + 2 <= self.limit:
             self.check()
@@ -149,9 +150,10 @@ class Field:
             self.num_sweeps += count
             if self.certify() or self.sweeps() + 1 > self.limit:
                 break
-            if self.residual > best / 2:
-                count *= 2
+            idle = 0 if self.residual <= best / 2 else idle + 1
             best = min(best, self.residual)
+            if idle == PATIENCE:
+                idle, count = 0, 2 * count
             tie = max(TIE * float(self.shape.profile[-1]), NOISE * self.residual)
             sweeps.choose_policies(*self.stencil, self.shape.grid.block, tie, system.up, system.down, self.buffer)
             system.solve(self.v, max(NOISE * self.residual, 1e-13 * float(self.shape.profile[-1])))
