@@ -50,7 +50,8 @@ def test_the_version_has_three_numbers() -> None:
         (torchlinf.chessboard_distance, "(mask, *, spatial_ndim=None)"),
         (
             torchlinf.solve_field,
-            f"(mask, *, {SOLVE}, method='auto', max_sweeps=None, throw=True, spatial_ndim=None, dtype=None)",
+            f"(mask, *, {SOLVE}, method='auto', max_sweeps=None, throw=True, compile=False, "
+            "spatial_ndim=None, dtype=None)",
         ),
         (torchlinf.linf_field, f"(mask, *, {SOLVE}, spatial_ndim=None, dtype=None)"),
         (torchlinf.complexity_profile, f"(mask, *, scales=None, {PROFILE})"),

@@ -19,6 +19,11 @@ def _compiled(problem: Problem, tol: float, max_sweeps: int | None) -> Solved:
             f'method="compiled" needs a mask on the CPU; got one on {problem.mask.device}. '
             'Pass mask.cpu(), or method="auto".'
         )
+    if problem.compile:
+        raise ValueError(
+            'compile=True fuses the sweeps of the methods in torch operations; got method="compiled", which is so '
+            'already. Pass method="accelerated", or leave compile out.'
+        )
     if not has_compiler():
         raise ImportError('method="compiled" needs numba; it is not installed. Run: pip install numba')
     from torchlinf._solver.compiled import compiled
@@ -35,4 +40,4 @@ METHODS: dict[str, Solver] = {
 
 def automatic(problem: Problem) -> str:
     """The method that ``method="auto"`` stands for: the one place of that choice."""
-    return "compiled" if usable(problem.mask) else "accelerated"
+    return "compiled" if usable(problem.mask) and not problem.compile else "accelerated"

@@ -70,7 +70,8 @@ class Accelerated:
         longest = torch.maximum(high, -low)
         against = back.mul_(step).sign_().sum(dim=1, keepdim=True) > 0
         restart = due & (against | (longest > self._longest))
-        self._longest = torch.where(due, longest.masked_fill(restart, torch.inf), self._longest)
+        # in place like all else here: a captured graph knows the buffers by their addresses
+        self._longest.copy_(torch.where(due, longest.masked_fill(restart, torch.inf), self._longest))
         self._since_test.masked_fill_(due, 0)
         self._since_restart.masked_fill_(restart, 1)
 
@@ -89,7 +90,7 @@ class Accelerated:
         After about log2(D) times b is 0, which leaves plain sweeps: they converge from anywhere.
         """
         stalled = stalled[:, None]
-        self._damping = torch.where(stalled, 2 * self._damping, self._damping)
+        self._damping.mul_(1 + stalled.to(self._damping))
         self._since_restart.masked_fill_(stalled, 0)
         self._longest.masked_fill_(stalled, torch.inf)
         for line in (self.line, self._ahead):

@@ -8,10 +8,10 @@ from torch import Tensor
 
 from torchlinf._solver.layout import Layout, System
 from torchlinf._solver.problem import Problem, Solved, certify
+from torchlinf._solver.rounds import ROUND, Rounds
 from torchlinf._solver.start import start
 from torchlinf._solver.status import Status
 
-ROUND = 16
 GROUP_PIXELS = 1 << 17
 NEVER = 1 << 60
 
@@ -88,7 +88,8 @@ class _Batch:
         # the last bound that was half of the one before, and when it was reached
         self.mark, self.marked = self.bound, torch.zeros_like(radius)
         self.done = 0
-        self.method = kind(System(layout, inside, screening[:, None], radius), values)
+        self.method = kind(System(layout, inside, screening[:, None], radius, problem.compile), values)
+        self.rounds = Rounds(self.method)
 
     def solve(self, tol: float, answer: Solved) -> None:
         """Work until no shape is left; write each into `answer` when it leaves."""
@@ -125,6 +126,7 @@ class _Batch:
         self.shape, self.limit, self.best = self.shape[keep], self.limit[keep], self.best[keep]
         self.bound, self.mark, self.marked = self.bound[keep], self.mark[keep], self.marked[keep]
         self.method.select(keep)
+        self.rounds = Rounds(self.method)
 
     def _watch(self) -> None:
         """Have the shapes fall back whose best bound has not halved in 6 D + 96 sweeps."""
@@ -140,7 +142,4 @@ class _Batch:
         sweeps = ROUND * max(1, self.done // ROUND**2)
         if self.max_sweeps is not None:
             sweeps = min(sweeps, self.max_sweeps - self.done - 1)
-        steps = sweeps // self.method.step_sweeps
-        for _ in range(steps):
-            self.method.step()
-        self.done += steps * self.method.step_sweeps
+        self.done += self.rounds.run(sweeps)

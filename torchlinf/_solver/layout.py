@@ -1,6 +1,8 @@
 """Storage in which a sweep over many shapes is a few operations on long contiguous runs, and the sweeps on it."""
 
 import math
+from collections.abc import Callable
+from functools import cache
 
 import torch
 from torch import Tensor
@@ -71,24 +73,31 @@ class System:
         inside: 1 on the shapes, 0 elsewhere, `(N, pixels)` of the dtype of v.
         screening: s, `(N, 1)`.
         radius: D, `(N,)` int64.
+        compile: whether sweeps are fused by torch.compile.
     """
 
-    def __init__(self, layout: Layout, inside: Tensor, screening: Tensor, radius: Tensor) -> None:
+    def __init__(
+        self, layout: Layout, inside: Tensor, screening: Tensor, radius: Tensor, compile: bool = False
+    ) -> None:
         self.layout = layout
         self.inside = inside
         self.screening = screening
         self.radius = radius
+        self.compile = compile
         self._weight = inside / (2 + screening)
         self._high, self._low, self._pairs = (layout.line(torch.zeros_like(inside)) for _ in range(3))
 
     def select(self, keep: Tensor) -> "System":
         """The system of the shapes with these indices."""
-        return System(self.layout, self.inside[keep], self.screening[keep], self.radius[keep])
+        return System(self.layout, self.inside[keep], self.screening[keep], self.radius[keep], self.compile)
 
     def sweep(self, line: Tensor, out: Tensor) -> None:
         """Set out = T v = (M v + N v + 1) / (2 + s) on the shapes and 0 elsewhere, `(N, pixels)`, for v on `line`."""
-        high, low = self._extrema(line)
-        torch.add(high, low, out=out).add_(1).mul_(self._weight)
+        if self.compile:
+            out.copy_(_compiled_sweep()(line, self._weight, self.layout.strides))
+        else:
+            high, low = self._extrema(line)
+            torch.add(high, low, out=out).add_(1).mul_(self._weight)
 
     def residual(self, line: Tensor) -> Tensor:
         """R(v) as `torchlinf._stencil.residual` takes it, `(N, pixels)`; the next call overwrites it."""
@@ -109,3 +118,18 @@ class System:
                 extremum(pairs[:-stride], pairs[stride:], out=target[stride:-stride])
                 source = target
         return self.layout.rows(self._high), self.layout.rows(self._low)
+
+
+def fused_sweep(line: Tensor, weight: Tensor, strides: list[int]) -> Tensor:
+    """T v, `(N, pixels)`, for v on `line`, without buffers and views: what a compiler turns into one pass."""
+    high = low = line
+    for stride in strides:
+        high = torch.maximum(torch.maximum(high[: -2 * stride], high[stride:-stride]), high[2 * stride :])
+        low = torch.minimum(torch.minimum(low[: -2 * stride], low[stride:-stride]), low[2 * stride :])
+    return (high + low + 1).view(weight.shape) * weight
+
+
+@cache
+def _compiled_sweep() -> Callable[[Tensor, Tensor, list[int]], Tensor]:
+    # shapes leave the batch, so its size must not be part of what is compiled
+    return torch.compile(fused_sweep, dynamic=True)

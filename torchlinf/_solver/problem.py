@@ -15,12 +15,14 @@ class Problem:
         distance: d, int32 like `mask`.
         radius: D = max d, `(N,)` int32; 0 for an empty shape.
         screening: s = 1 / rho^2, `(N,)` float64 (float32 where the device has no float64); fixes the dtype of v.
+        compile: whether the methods in torch operations fuse their sweeps by torch.compile.
     """
 
     mask: Tensor
     distance: Tensor
     radius: Tensor
     screening: Tensor
+    compile: bool = False
 
 
 @dataclass(frozen=True)
