@@ -103,15 +103,20 @@ class Field:
         return int(np.ceil(self.num_sweeps))
 
     @property
+    def solvable(self) -> bool:
+        """Whether 1 / rho^2 is a number that this equation can be solved for: neither overflown nor underflown."""
+        return 0.0 < self.shape.screening < np.inf
+
+    @property
     def status(self) -> Status:
         """How the solve ended."""
-        if not np.isfinite(self.shape.screening) or np.isnan(self.bound):
+        if not self.solvable or np.isnan(self.bound):
             return Status.NONFINITE
         return Status.CONVERGED if self.bound <= self.tol else Status.MAX_SWEEPS
 
     def run(self) -> np.ndarray:
         """Solve, and return the field without its padding."""
-        if np.isfinite(self.shape.screening) and not self.certify():
+        if self.solvable and not self.certify():
             if self.shape.radius > COARSEST:
                 self.start_from_coarse()
             self.iterate()
