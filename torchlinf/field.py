@@ -62,7 +62,7 @@ def solve_field(
         rho: screening length in pixels, a number or a tensor that broadcasts to the leading shape; None means each
             shape's own radius D, the largest chessboard distance in it.
         tol: relative error to reach. Residuals are known to a few ulps of the largest value, so no less than
-            4 eps max f is asked for: that matters beyond D = 2000 in float64, and everywhere in float32.
+            8 eps max f is asked for: that matters beyond D = 1200 in float64, and everywhere in float32.
         method: "compiled" (CPU and numba only), "accelerated" (any device), "monotone" (the slow reference, plain
             iteration from above), or "auto", the first of them that the mask's device and the installation allow.
         max_sweeps: sweeps allowed to each shape; None means far more than the method needs: 400 D + 2000 for

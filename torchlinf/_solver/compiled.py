@@ -12,7 +12,7 @@ import torch
 
 from torchlinf._kernels import chains, distance, grid, levels, sweeps
 from torchlinf._parallel import for_each
-from torchlinf._solver.problem import Problem, Solved
+from torchlinf._solver.problem import RESOLUTION, Problem, Solved
 from torchlinf._solver.status import Status
 
 SWEEPS = 32  # between two solves, or D / 8 if that is more; doubled where progress stalls: sweeps alone converge
@@ -91,7 +91,7 @@ class Field:
         self.limit = 20_000 + 200 * shape.radius if max_sweeps is None else max_sweeps
         self.v = np.zeros(shape.distance.size)
         self.buffer = np.empty((4, shape.grid.shape[-1]))
-        self.tol = max(tol, 4 * np.finfo(np.float64).eps * float(shape.profile[-1]))
+        self.tol = max(tol, RESOLUTION * np.finfo(np.float64).eps * float(shape.profile[-1]))
         self.stencil = (self.v, shape.grid.starts, shape.grid.ends, shape.grid.rows)
         self.bound = np.inf
         self.num_sweeps = 0.0
@@ -117,7 +117,7 @@ class Field:
     def run(self) -> np.ndarray:
         """Solve, and return the field without its padding."""
         if self.solvable and not self.certify():
-            if self.shape.radius > COARSEST:
+            if self.shape.radius > COARSEST and self.limit >= 2 * SWEEPS:
                 self.start_from_coarse()
             self.iterate()
         return self.v.reshape(self.shape.grid.shape)[grid.interior(len(self.shape.grid.shape))]
@@ -135,7 +135,8 @@ class Field:
         fine = self.shape.grid
         smaller = self.shape.coarse()
         share = smaller.grid.pixels / fine.pixels
-        coarse = Field(smaller, COARSE_TOL, int((self.limit - self.num_sweeps) / share), self.check)
+        # at most half of what is allowed, so that the values scaled below are always swept and certified
+        coarse = Field(smaller, COARSE_TOL, int((self.limit - self.num_sweeps) / 2 / share), self.check)
         coarse.run()
         levels.scale_by_parents(
             self.v, fine.starts, fine.ends, fine.strides, coarse.v, coarse.shape.distance, coarse.shape.profile,

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from torchlinf._solver.layout import Layout, System
-from torchlinf._solver.problem import Problem, Solved, certify
+from torchlinf._solver.problem import RESOLUTION, Problem, Solved, certify
 from torchlinf._solver.rounds import ROUND, Rounds
 from torchlinf._solver.start import start
 from torchlinf._solver.status import Status
@@ -43,7 +43,7 @@ class Method(Protocol):
 def iterate(kind: type[Method], problem: Problem, tol: float, max_sweeps: int | None) -> Solved:
     """Sweep until each shape is certified to `tol` or has used up its sweeps.
 
-    A bound below 4 ulps of the largest value is not asked for, since residuals are not known any better.
+    A bound below `RESOLUTION` ulps of the largest value is not asked for: rounding is in the way.
     """
     layout = Layout(problem.mask)
     shapes = len(problem.radius)
@@ -110,7 +110,7 @@ class _Batch:
         better = bound < self.bound
         self.bound = torch.where(better, bound, self.bound)
         torch.where(better[:, None], values, self.best, out=self.best)
-        floor = 4 * torch.finfo(self.best.dtype).eps * self.best.amax(dim=1)
+        floor = RESOLUTION * torch.finfo(self.best.dtype).eps * self.best.amax(dim=1)
         # a round is at least one step and its certificate
         status = torch.where(self.done + self.method.step_sweeps + 1 > self.limit, int(Status.MAX_SWEEPS), NEVER)
         status = torch.where(bound.isnan(), int(Status.NONFINITE), status)
