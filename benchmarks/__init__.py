@@ -1,0 +1,1 @@
+"""Benchmarks: `python -m benchmarks`, or `make bench`. README.md says how they measure."""
