@@ -1,6 +1,6 @@
 """Moves: regions of a shape that might be removed or filled as a whole, and what each does to the complexity, exactly.
 
-Section "Exact moves" of docs/regulariser. No pixel alone matters much to the complexity of a shape: a bump has to go as
+No pixel alone matters much to the complexity of a shape: a bump has to go as
 a whole. So the regions are what squares (n-cubes) and bars of a few pixels cannot reach, what a grey prediction is in
 doubt about, and rows of pixels along straight pieces of the boundary.
 """

@@ -24,7 +24,7 @@ class ShapeComplexityLoss(nn.Module):
     """Hard complexity of predicted shapes, with a gradient that moves their boundaries.
 
     The value is `torchlinf.complexity` of the thresholded prediction, so that what is logged is what a user would
-    measure. Its gradient comes from exact moves (docs/regulariser): regions of the shape that might be removed or
+    measure. Its gradient comes from exact moves: regions of the shape that might be removed or
     filled as a whole are tried one by one, and the change dC that each of them makes to the complexity is spread over
     its pixels. Moving the probability of a region R by a small e changes the loss by e dC(R), up to other moves that
     overlap R.
