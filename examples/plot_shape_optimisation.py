@@ -2,8 +2,9 @@
 Shapes that become simpler
 ==========================
 
-The pixels of an image as free parameters, and one loss: the complexity of the shape. Its gradient
-comes from exact moves (:class:`torchlinf.losses.ShapeComplexityLoss`), so that bumps go as a whole, and what is printed is the hard complexity all along.
+The pixels of an image as free parameters, and one loss: the complexity of the shape. Its gradient comes from exact
+moves (:class:`torchlinf.losses.ShapeComplexityLoss`), so that bumps go as a whole, and what is printed is the hard
+complexity all along.
 
 Run with ``--full`` for more steps.
 """
