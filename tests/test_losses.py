@@ -135,6 +135,22 @@ def test_under_autocast() -> None:
     assert layer.weight.grad.any()
 
 
+def test_with_keep_area_a_common_shift_of_the_logits_is_worth_nothing() -> None:
+    logits = 6 * batch() - 3
+    free = gradient(ShapeComplexityLoss(activation="sigmoid"), logits)
+    kept = gradient(ShapeComplexityLoss(activation="sigmoid", keep_area=True), logits)
+    assert free.sum((2, 3)).abs().max() > 1e-3
+    assert kept.sum((2, 3)).abs().max() < 1e-6
+    assert kept.any()
+    binary = (logits > 0).float()  # in doubt nowhere: there is nothing to balance with
+    assert torch.equal(gradient(ShapeComplexityLoss(keep_area=True), binary), gradient(ShapeComplexityLoss(), binary))
+    mask = torch.ones(2, 1, 25, 28, dtype=torch.bool)
+    mask[..., 14:] = False
+    half = gradient(lambda x: ShapeComplexityLoss(activation="sigmoid", keep_area=True)(x, None, mask), logits)
+    assert not half[..., 14:].any()
+    assert half.sum((2, 3)).abs().max() < 1e-6
+
+
 def test_masked_pixels_get_no_gradient_and_keep_the_value() -> None:
     probability = batch()
     mask = torch.ones(2, 1, 25, 28, dtype=torch.bool)

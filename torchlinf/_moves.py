@@ -92,12 +92,14 @@ def select(inside: Tensor, moves: list[list[Move]], max_moves: int) -> list[list
         ranked = sorted((move for move in found if len(move) <= limit), key=len, reverse=True)
         octaves: dict[int, list[list[Move]]] = {}
         for size, tied in itertools.groupby(ranked, key=len):
-            different = {move.tobytes(): move for move in map(np.sort, tied)}
-            octaves.setdefault(size.bit_length(), []).append(list(different.values()))
+            octaves.setdefault(size.bit_length(), []).append(list(tied))
         taken: list[Move] = []
         for together in itertools.chain.from_iterable(itertools.zip_longest(*octaves.values(), fillvalue=[])):
-            if len(taken) + len(together) <= max_moves:
-                taken.extend(together)
+            if len(taken) == max_moves:
+                break
+            different = {move.tobytes(): move for move in map(np.sort, together)}
+            if len(taken) + len(different) <= max_moves:
+                taken.extend(different.values())
         chosen.append(taken)
     return chosen
 

@@ -42,6 +42,11 @@ class ShapeComplexityLoss(nn.Module):
             the channels), or a callable.
         reduction: "mean" over the shapes, "sum", or "none" for a (B, C) tensor.
         include_background: if False, channel 0 is dropped.
+        keep_area: if True, a constant is added to the density wherever the prediction is in doubt, such that the loss
+            neither gains nor loses when all logits of a shape rise or fall together. Most moves that simplify remove
+            pixels; a network soon learns what they have in common, which is to shrink everything. Recommended for
+            networks; leave it False where pixels are free parameters and what is to go is larger than what stays in
+            doubt.
         threshold: a pixel is inside a shape if its probability is larger; in (0, 1).
         max_moves: moves tried per shape at most, spread over all sizes of regions. Each is one solve; the time of a
             step is about that of `torchlinf.complexity` on (1 + max_moves) B C masks.
@@ -88,6 +93,7 @@ class ShapeComplexityLoss(nn.Module):
         reduction: str = "mean",
         *,
         include_background: bool = True,
+        keep_area: bool = False,
         threshold: float = 0.5,
         max_moves: int = 16,
     ) -> None:
@@ -96,6 +102,7 @@ class ShapeComplexityLoss(nn.Module):
         self.activation = _activation(activation)
         self.reduction = choice(reduction, REDUCTIONS, "reduction")
         self.include_background = bool(include_background)
+        self.keep_area = bool(keep_area)
         self.threshold = _fraction(threshold, "threshold")
         self.max_moves = count(max_moves, "max_moves")
         self.weight: Tensor
@@ -126,8 +133,10 @@ class ShapeComplexityLoss(nn.Module):
         """(B, C): the hard values, with the gradient of the moves."""
         flat = probability.flatten(0, 1)
         value, density = exact_moves(flat.detach(), self.threshold, self.low, self.high, self.max_moves)
-        if mask is not None:
-            density = density * mask.expand_as(probability).flatten(0, 1)
+        here = torch.ones_like(flat) if mask is None else mask.expand_as(probability).flatten(0, 1).to(flat)
+        density = density * here
+        if self.keep_area:
+            density = _without_area(density, here * (flat * (1 - flat)).detach())
         # A zero that has the gradient of sum(density * p).
         carrier = density * (flat - flat.detach())
         return (value + carrier.flatten(1).sum(dim=1)).reshape(probability.shape[:2])
@@ -148,6 +157,20 @@ class ShapeComplexityLoss(nn.Module):
         if self.reduction == "none":
             return value
         return value.sum() / number if self.reduction == "mean" else value.sum()
+
+
+def _without_area(density: Tensor, doubt: Tensor) -> Tensor:
+    """Subtract the multiple of p (1 - p) that makes the density neutral to a common shift of the logits, (N, *spatial).
+
+    Such a shift changes p by p (1 - p), so that is the density's product with p (1 - p).
+
+    Example:
+        >>> _without_area(torch.tensor([[2.0, 0.0, 5.0]]), torch.tensor([[0.25, 0.25, 0.0]]))
+        tensor([[ 1., -1.,  5.]])
+    """
+    flat, doubt = density.flatten(1), doubt.flatten(1)
+    excess = (flat * doubt).sum(dim=1) / doubt.square().sum(dim=1).clamp(min=torch.finfo(doubt.dtype).tiny)
+    return (flat - excess[:, None] * doubt).reshape(density.shape)
 
 
 @torch.library.custom_op("torchlinf::exact_moves", mutates_args=())
