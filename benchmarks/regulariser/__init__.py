@@ -1,1 +1,1 @@
-"""Which gradient regularises: designs compared on families of shapes and in training; see docs/regulariser."""
+"""Which gradient regularises: designs compared on families of shapes and in training."""
