@@ -34,6 +34,9 @@ def test_the_public_names() -> None:
         "complexity_profile",
         "linf_field",
         "shapes",
+        "soft_chessboard_distance",
+        "soft_complexity",
+        "soft_linf_field",
         "solve_field",
     ]
     for name in torchlinf.__all__:
@@ -56,6 +59,13 @@ def test_the_version_has_three_numbers() -> None:
         (torchlinf.linf_field, f"(mask, *, {SOLVE}, spatial_ndim=None, dtype=None)"),
         (torchlinf.complexity_profile, f"(mask, *, scales=None, {PROFILE})"),
         (torchlinf.complexity, f"(mask, *, low=0.0, high=1.0, {PROFILE})"),
+        (torchlinf.soft_chessboard_distance, "(probability, *, spatial_ndim=None)"),
+        (torchlinf.soft_linf_field, "(probability, *, rho=None, slices=4, tol=1e-09, spatial_ndim=None)"),
+        (
+            torchlinf.soft_complexity,
+            "(probability, *, low=0.0, high=1.0, bandwidth=0.0009765625, estimator='entropy', rho=None, slices=1, "
+            "tol=1e-09, spatial_ndim=None)",
+        ),
         (torchlinf.ComplexityProfile.mean, "(self, low=0.0, high=1.0)"),
         (torchlinf.ComplexityProfile.levels, "(self)"),
         (torchlinf.ComplexityProfile.peak, "(self)"),

@@ -1,6 +1,8 @@
 """Multi-scale complexity of discrete shapes from the screened L-infinity field, on PyTorch tensors."""
 
 from torchlinf import shapes
+from torchlinf._soft import soft_chessboard_distance, soft_linf_field
+from torchlinf._soft_complexity import soft_complexity
 from torchlinf.complexity import ComplexityProfile, complexity, complexity_profile
 from torchlinf.distance import chessboard_distance
 from torchlinf.field import FieldSolution, Status, linf_field, solve_field
@@ -16,5 +18,8 @@ __all__ = [
     "complexity_profile",
     "linf_field",
     "shapes",
+    "soft_chessboard_distance",
+    "soft_complexity",
+    "soft_linf_field",
     "solve_field",
 ]

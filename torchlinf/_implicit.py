@@ -1,4 +1,4 @@
-"""The gradient of the field, by the implicit function theorem: the only file with a backward.
+"""Gradients that are not those of the operations that found the values: the only file with a backward.
 
 The field obeys f = w K(f) with K(f) = M f + N f + 1 and the weight w = m / (2 + s): 1 / (2 + s) on the shape and 0
 outside, or anything between. Where no two neighbours tie, M f and N f have the derivatives P_up and P_down, which pick
@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from torchlinf._erosions import pull_back, sum_of_erosions
 from torchlinf._solver.transposed import influence
 from torchlinf._stencil import block_max, block_min
 
@@ -25,9 +26,9 @@ def attach_gradient(value: Tensor, weight: Tensor, bound: Tensor) -> Tensor:
     """The solved field as a differentiable function of the weight.
 
     Args:
-        value: f, ``(N, *spatial)`` float64, solved for ``weight``; 0 where the weight is.
+        value: f, `(N, *spatial)` float64, solved for `weight`; 0 where the weight is.
         weight: w like f, at least 0 and below 1/2; what the result can be differentiated by, once.
-        bound: certified relative error of f, ``(N,)``.
+        bound: certified relative error of f, `(N,)`.
 
     Returns:
         f. Its backward raises RuntimeError where the linear solve fails, and has no derivative itself.
@@ -64,3 +65,24 @@ class _Implicit(torch.autograd.Function):
         raise NotImplementedError(
             "the field must be called outside torch.func.vmap; got a call inside. It is batched: stack the shapes."
         )
+
+
+def soft_distance_of(occupancy: Tensor) -> Tensor:
+    """`torchlinf._erosions.sum_of_erosions` of `(N, *spatial)`, differentiable once, without keeping the erosions."""
+    total: Tensor = _Erosions.apply(occupancy)  # type: ignore[no-untyped-call]
+    return total
+
+
+class _Erosions(torch.autograd.Function):
+    @staticmethod
+    def forward(occupancy: Tensor) -> Tensor:
+        return sum_of_erosions(occupancy)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Tensor], output: Tensor) -> None:
+        ctx.save_for_backward(inputs[0])
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> Tensor:
+        return pull_back(ctx.saved_tensors[0], gradient)

@@ -156,13 +156,20 @@ def linf_field(
 
 
 def normalised(value: Tensor) -> Tensor:
-    """Each field (N, *spatial) divided by its maximum, whose derivative the pixels equal to it up to rounding share."""
-    flat = value.flatten(1)
-    top = flat.detach().amax(dim=1, keepdim=True)
-    peak = (flat.detach() >= (1 - 1e-11) * top).to(flat.dtype)
-    mean = (flat * peak).sum(dim=1, keepdim=True) / peak.sum(dim=1, keepdim=True)
-    divisor = torch.where(top > 0, top + (mean - mean.detach()), 1)
-    return (flat / divisor).view_as(value)
+    """Each field (N, *spatial) divided by its maximum, 0 where that is 0."""
+    top = largest(value).view(-1, *[1] * (value.ndim - 1))
+    return value / torch.where(top > 0, top, 1)
+
+
+def largest(x: Tensor) -> Tensor:
+    """Maximum over each shape of (N, *spatial), whose derivative the pixels equal to it up to rounding share."""
+    flat = x.flatten(1)
+    top = flat.detach().amax(dim=1)
+    if not x.requires_grad:
+        return top
+    peak = flat.detach() >= (1 - 1e-11) * top[:, None]
+    mean = torch.where(peak, flat, 0).sum(dim=1) / peak.sum(dim=1)
+    return top + (mean - mean.detach())
 
 
 def pose(mask: Tensor, rho: float | Tensor | None, lead: tuple[int, ...], compile: bool = False) -> Problem:

@@ -11,18 +11,18 @@ STARTS = 4
 
 
 class TiedRows:
-    """Rows a(x) y(x) - mean of y over up(x) - mean of y over down(x) for N shapes on padded lines ``(N, P)``.
+    """Rows y(x) - w(x) (mean of y over up(x) + mean of y over down(x)) for N shapes on padded lines `(N, P)`.
 
     up(x) are, of the neighbours within `tie` of the block's maximum, those that differ from x along the fewest axes;
     down(x) likewise. `torchlinf._kernels.ties` says why. Kept are 2 * 3^n bools a pixel.
     """
 
     def __init__(self, value: Tensor, weight: Tensor, tie: Tensor) -> None:
-        """Linearise at ``value`` f with weights w = 1 / a, ``(N, *spatial)``; ``tie`` is absolute, ``(N,)``."""
+        """Linearise at `value` f with weights w, (N, *spatial); `tie` is absolute, (N,)."""
         self.spatial = tuple(value.shape[1:])
-        v, w = self.pack(value), self.pack(weight)
+        v = self.pack(value)
         self.inside = v > 0
-        self.diagonal = torch.where(self.inside, 1 / torch.where(self.inside, w, 1), 1)
+        self.weight = self.pack(weight) * self.inside
         self.offsets = _nearest_first(self.spatial)
         around = [v.roll(-offset, 1) for _, offset in self.offsets]
         high, low = around[0], around[0]
@@ -43,29 +43,29 @@ class TiedRows:
                 count += hit
             kept += ring
             open_rows = self.inside & (count == 0)
-        return kept, 1 / count.clamp(min=1).to(self.diagonal)
+        return kept, 1 / count.clamp(min=1).to(self.weight)
 
     def pack(self, x: Tensor) -> Tensor:
-        """``(N, *spatial)`` with a ring of zeros, as lines."""
+        """`(N, *spatial)` with a ring of zeros, as lines."""
         return torch.nn.functional.pad(x, [1] * (2 * len(self.spatial))).flatten(1)
 
     def unpack(self, lines: Tensor) -> Tensor:
-        """Lines back to ``(N, *spatial)``; what lies on the ring is beyond the array."""
+        """Lines back to `(N, *spatial)`; what lies on the ring is beyond the array."""
         padded = lines.view(-1, *(size + 2 for size in self.spatial))
         return padded[:, *(slice(1, -1) for _ in self.spatial)]
 
     def spread(self, y: Tensor) -> Tensor:
-        """At every pixel its shares of the y of those that have it as a neighbour; outside the shapes as well."""
+        """At every pixel its shares of the w y of those that have it as a neighbour; outside the shapes as well."""
         total = torch.zeros_like(y)
         for kept, share in self.sides:
-            part = y * share
+            part = self.weight * y * share
             for (_, offset), hit in zip(self.offsets, kept, strict=True):
                 total += (part * hit).roll(offset, 1)
         return total
 
     def transposed_product(self, y: Tensor) -> Tensor:
         """A^T y for y that is 0 outside the shapes; 0 there."""
-        return (self.diagonal * y - self.spread(y)) * self.inside
+        return y - self.spread(y) * self.inside
 
 
 def _nearest_first(spatial: tuple[int, ...]) -> list[tuple[int, int]]:
@@ -82,10 +82,10 @@ def _nearest_first(spatial: tuple[int, ...]) -> list[tuple[int, int]]:
 
 
 def bicgstab(operator: Callable[[Tensor], Tensor], right: Tensor, tol: float) -> tuple[Tensor, Tensor]:
-    """Solve operator(y) = right, row by row ``(N, P)``, until each residual is below ``tol`` in the 2-norm.
+    """Solve operator(y) = right, row by row `(N, P)`, until each residual is below `tol` in the 2-norm.
 
     Returns:
-        y and the relative residual reached, ``(N,)``: the true one, and not finite where ``right`` is not.
+        y and the relative residual reached, `(N,)`: the true one, and not finite where `right` is not.
     """
     size = _dot(right, right).sqrt()
     y = torch.zeros_like(right)
@@ -99,7 +99,7 @@ def bicgstab(operator: Callable[[Tensor], Tensor], right: Tensor, tol: float) ->
 
 
 def _bicgstab(operator: Callable[[Tensor], Tensor], r: Tensor, target: Tensor) -> Tensor:
-    """What is to be added to reduce the residuals to the targets ``(N, 1)``, as far as BiCGStab gets.
+    """What is to be added to reduce the residuals to the targets `(N, 1)`, as far as BiCGStab gets.
 
     A row that is done, or breaks down, has its steps set to 0 and stays as it is.
     """

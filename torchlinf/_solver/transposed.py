@@ -22,9 +22,9 @@ def influence(value: Tensor, weight: Tensor, bound: Tensor, gradient: Tensor) ->
     that are equal the nearest. w is 0 outside the shapes, where mu gathers what flows there from boundary pixels.
 
     Args:
-        value: f, ``(N, *spatial)``, 0 where w is.
+        value: f, `(N, *spatial)`, 0 where w is.
         weight: w = 1 / (2 + s(x)) on the shapes, 0 outside, like f.
-        bound: certified relative error of f, ``(N,)``.
+        bound: certified relative error of f, `(N,)`.
         gradient: of the loss with respect to f, like f.
 
     Returns:
