@@ -129,5 +129,7 @@ def test_second_derivatives_and_vmap_say_that_they_are_not_there() -> None:
     with pytest.raises(RuntimeError, match="once_differentiable"):
         gradient.sum().backward()
     weight, _ = random_weights((5, 6), seed=2)
+    with pytest.raises(NotImplementedError, match="rho must be a tensor with data"):
+        torch.func.vmap(lambda rho: torchlinf.linf_field(torch.ones(1, 1, 4, 5), rho=rho))(torch.ones(2))
     with pytest.raises(NotImplementedError, match="stack the shapes"):
         torch.func.vmap(_implicit.attach_gradient)(weight[None], weight[None], weight[None, :, 0, 0])

@@ -264,6 +264,19 @@ def test_arguments_are_checked(function: Callable[..., Tensor]) -> None:
     assert function(torch.ones(0, 2, 3, 4)).numel() == 0
 
 
+@pytest.mark.parametrize("function", [soft_chessboard_distance, soft_linf_field, soft_complexity])
+def test_what_does_not_work_says_so(function: Callable[..., Tensor]) -> None:
+    probability = grey(2, 1, 6, 5)
+    with pytest.raises(NotImplementedError, match="Stack shapes"):
+        torch.func.vmap(lambda x: function(x, spatial_ndim=2))(probability)
+    with pytest.raises(NotImplementedError, match=r"torch.autograd.grad for a derivative"):
+        torch.func.grad(lambda x: function(x).sum())(probability)
+    leaf = probability.requires_grad_()
+    (first,) = torch.autograd.grad(function(leaf).square().sum(), leaf, create_graph=True)
+    with pytest.raises(RuntimeError, match="once_differentiable"):
+        first.sum().backward()
+
+
 def test_options_are_checked() -> None:
     mask = torch.ones(1, 1, 3, 4)
     with pytest.raises(ValueError, match="bandwidth"):

@@ -32,6 +32,7 @@ def as_mask(mask: Tensor, spatial_ndim: int | None = None, name: str = "mask") -
     if not isinstance(mask, Tensor):
         remedy = "Pass torch.from_numpy(array)." if type(mask).__module__ == "numpy" else "Pass torch.as_tensor(...)."
         raise TypeError(f"{name} must be a torch.Tensor; got {type(mask).__name__}. {remedy}")
+    plain(mask, name)
     if mask.is_complex():
         raise TypeError(f"{name} must be bool, integer or real; got {mask.dtype}. Pass {name} != 0.")
     ndim = _spatial_ndim(mask, spatial_ndim, name)
@@ -43,6 +44,17 @@ def as_mask(mask: Tensor, spatial_ndim: int | None = None, name: str = "mask") -
         )
     inside = mask.detach() if mask.dtype == torch.bool else _binary(mask.detach(), name)
     return inside.reshape(math.prod(lead), *spatial), lead
+
+
+def plain(x: Tensor, name: str) -> None:
+    """Raise for a tensor without data, as inside the transforms of torch.func, which solves cannot see through."""
+    try:
+        x.data_ptr()
+    except RuntimeError:
+        raise NotImplementedError(
+            f"{name} must be a tensor with data; got one without, as inside torch.func.vmap or torch.func.grad. "
+            "Stack shapes along a leading dimension instead, and call torch.autograd.grad for a derivative."
+        ) from None
 
 
 def _spatial_ndim(mask: Tensor, spatial_ndim: int | None, name: str) -> int:
@@ -106,6 +118,7 @@ def positive_tensor(value: Tensor, shape: tuple[int, ...], name: str) -> Tensor:
     >>> positive_tensor(torch.tensor([2.0]), (2,), "rho")
     tensor([2., 2.])
     """
+    plain(value, name)
     if value.is_complex() or value.dtype == torch.bool:
         raise TypeError(f"{name} must be a real tensor; got {value.dtype}. Pass lengths in pixels as float64.")
     value = value.detach()

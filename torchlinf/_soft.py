@@ -10,7 +10,7 @@ import math
 import torch
 from torch import Tensor
 
-from torchlinf._checks import as_mask, count, positive
+from torchlinf._checks import as_mask, count, positive, positive_tensor
 from torchlinf._implicit import attach_gradient, soft_distance_of
 from torchlinf._solver.graded import solve_graded
 from torchlinf._solver.status import Status
@@ -136,8 +136,7 @@ def _cut(x: Tensor) -> Tensor:
 def length_of(rho: float | Tensor | None, lead: tuple[int, ...], distance: Tensor) -> Tensor:
     """rho of every shape, `(N,)` float64."""
     if isinstance(rho, Tensor):
-        if not (rho.isfinite() & (rho > 0)).all():
-            raise ValueError("rho must be finite and above 0; got another value. Pass positive lengths in pixels.")
+        positive_tensor(rho, lead, "rho")
         return rho.to(distance).broadcast_to(lead).reshape(-1)
     if rho is not None:
         return distance.new_full((len(distance),), positive(rho, "rho"))
