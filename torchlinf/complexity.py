@@ -66,7 +66,7 @@ def complexity_profile(
     """
     check_estimator(estimator, bins)
     real_dtype(dtype)
-    grid, slack = _scale_grid(scales)
+    grid, slack = scale_grid(scales)
     inside, lead = as_mask(mask, spatial_ndim)
     problem = pose(inside, rho, lead)
     solved = solve(problem, lead, tol=tol, method=method)
@@ -75,7 +75,7 @@ def complexity_profile(
     grid = grid.to(found)
     return ComplexityProfile(
         scales=grid.to(dtype or found.dtype),
-        values=_at_scales(found, radius, grid - slack).reshape(*lead, len(grid)).to(dtype or found.dtype),
+        values=at_scales(found, radius, grid - slack).reshape(*lead, len(grid)).to(dtype or found.dtype),
         radius=radius.reshape(lead),
         error_bound=solved.error_bound.reshape(lead),
         level_values=found,
@@ -136,7 +136,7 @@ def complexity(
     return profile.mean(low, high)
 
 
-def _at_scales(found: Tensor, radius: Tensor, scales: Tensor) -> Tensor:
+def at_scales(found: Tensor, radius: Tensor, scales: Tensor) -> Tensor:
     """Look up level k = ceil(t D) of each shape for each scale t: (N, L), NaN where the radius is 0."""
     size = radius[:, None]  # (N, 1)
     level = torch.minimum((scales * size).ceil().long().clamp(min=1), size)  # (N, L)
@@ -144,7 +144,7 @@ def _at_scales(found: Tensor, radius: Tensor, scales: Tensor) -> Tensor:
     return torch.cat([found, found.new_full((1,), torch.nan)])[position]
 
 
-def _scale_grid(scales: Tensor | Sequence[float] | None) -> tuple[Tensor, float]:
+def scale_grid(scales: Tensor | Sequence[float] | None) -> tuple[Tensor, float]:
     """The scales as (L,) float64, and how far rounding may have carried them above what was meant.
 
     Without that slack 0.07 * 100, a little above 7 in floating point, would be level 8.
