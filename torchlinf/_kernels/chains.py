@@ -2,11 +2,11 @@
 
 Where up(x) = y and down(y) = x, the two pixels are linked. A maximal chain of links is a tridiagonal system with
 constant coefficients, and depends on at most two pixels outside it: the down neighbour of its head (lowest pixel) and
-the up neighbour of its last (highest). Tarjan's algorithm on chains yields them dependencies first. Under an optimal
-policy every strongly connected component is one chain; what a wrong policy ties into larger ones goes to
-`components.solve_component`.
+the up neighbour of its last (highest). Under an optimal policy nothing depends on itself but through links, so that
+following what is missing from pixel to pixel, and solving on the way back, is all. Where a wrong policy ties chains
+into a cycle, `tangles.solve_tangle` takes over.
 
-A chain is named by its place on Tarjan's stack, so that what is known of it lives in the few arrays that are in cache.
+Unsolved values are negative: so one look at a neighbour tells whether its value is known, and which it is.
 """
 
 import math
@@ -14,12 +14,11 @@ import math
 import numpy as np
 
 from torchlinf._kernels._compile import kernel
-from torchlinf._kernels.components import HEAD, LAST, dependency, solve_component
 from torchlinf._kernels.grid import Grid
-from torchlinf._kernels.thomas import DONE, solve_chain, thomas_factors
+from torchlinf._kernels.tangles import solve_tangle
+from torchlinf._kernels.thomas import solve_chain, thomas_factors
 
-LOW, VISITED, CALLER = 2, 3, 4  # rows of `chains`: low link, dependencies looked at, the chain that asked for it
-_LOOP = 4  # added to VISITED for every dependency of a chain on itself
+_SOLVED, _CYCLE = -1, -2
 
 
 class PolicySystem:
@@ -32,8 +31,8 @@ class PolicySystem:
         self.up = np.zeros(size, np.int32)
         self.down = np.zeros(size, np.int32)
         self._screening = screening
-        self._owner = np.full(size, DONE, np.int32)
-        self._chains = np.empty((5, grid.pixels), np.int32)
+        self._owner = np.zeros(size, np.int32)
+        self._chains = np.empty((6, grid.pixels), np.int32)
         self._factors = thomas_factors(grid.pixels, screening)
         self._work = np.empty(grid.pixels)
 
@@ -48,95 +47,83 @@ class PolicySystem:
 
 
 @kernel
-def linked(x, towards, back):  # type: ignore[no-untyped-def]
-    """The pixel that x is linked to in direction `towards` (up or down), or x if there is none."""
-    y = towards[x]
-    return y if back[y] == x else x
+def solve_policies(v, starts, ends, up, down, factors, screening, tol, owner, chains, work):  # type: ignore[no-untyped-def]
+    """Overwrite v with the solution of the policy system; components that are no chain are solved to `tol`.
+
+    `up` and `down` are the pixels' neighbours. `owner` (int32, like v) is to be 0 and is so on return; `chains`
+    (6, pixels) int32 and `work` (pixels,) are scratch. Returns the number of unknowns in components that were no chain.
+    """
+    for run in range(starts.size):
+        values = v[starts[run] : ends[run]]
+        for j in range(values.size):
+            values[j] = -values[j]
+    unknowns = 0
+    for run in range(starts.size):
+        for root in range(starts[run], ends[run]):
+            if v[root] >= 0.0:
+                continue
+            above = v[up[root]]
+            below = v[down[root]]
+            if above >= 0.0 and below >= 0.0:
+                v[root] = (1.0 + above + below) * factors[0]
+            elif not _follow(v, root, up, down, factors, screening, chains[0], work):
+                unknowns += solve_tangle(v, root, up, down, factors, screening, tol, owner, chains, work)
+    return unknowns
 
 
 @kernel
-def _open_chain(x, number, chains, owner, up, down):  # type: ignore[no-untyped-def]
-    """Find the chain through x and write 1 + its number on all its pixels."""
-    y = linked(x, down, up)
-    while y != x:
-        x = y
-        y = linked(x, down, up)
-    chains[HEAD, number] = x
-    owner[x] = number + 1
-    y = linked(x, up, down)
-    while y != x:
-        x = y
-        owner[x] = number + 1
-        y = linked(x, up, down)
-    chains[LAST, number] = x
-    chains[LOW, number] = number
-    chains[VISITED, number] = 0
+def _follow(v, root, up, down, factors, screening, path, work):  # type: ignore[no-untyped-def]
+    """Solve a pixel and all it depends on; False, with that left unsolved, if it depends on a cycle.
 
-
-@kernel
-def _solve_single(v, x, up, down, owner, factors):  # type: ignore[no-untyped-def]
-    """Solve the chain of x at once if that is x alone and what it depends on is known; most pixels are such."""
-    above = up[x]
-    below = down[x]
-    if owner[above] != DONE or owner[below] != DONE or down[above] == x or up[below] == x:
-        return False
-    v[x] = (1.0 + v[above] + v[below]) * factors[0]
-    owner[x] = DONE
+    The pixels from the root to the present one are kept in `path`, and marked by ~up in place of up.
+    """
+    path[0] = root
+    up[root] = ~up[root]
+    height = 1
+    while height > 0:
+        x = path[height - 1]
+        above = ~up[x]
+        below = down[x]
+        if v[above] >= 0.0 and v[below] >= 0.0:
+            v[x] = (1.0 + v[above] + v[below]) * factors[0]
+            up[x] = above
+            height -= 1
+            continue
+        if v[below] < 0.0 and below != x and up[below] != x:
+            missing = below
+        elif v[above] < 0.0 and above != x and down[above] != x:
+            missing = above
+        else:
+            up[x] = above
+            missing = _try_chain(v, x, up, down, factors, screening, work)
+            if missing == _SOLVED:
+                height -= 1
+                continue
+            up[x] = ~above
+        if missing == _CYCLE or up[missing] < 0:
+            for i in range(height):
+                up[path[i]] = ~up[path[i]]
+            return False
+        path[height] = missing
+        up[missing] = ~up[missing]
+        height += 1
     return True
 
 
 @kernel
-def solve_policies(v, starts, ends, up, down, factors, screening, tol, owner, chains, work):  # type: ignore[no-untyped-def]
-    """Overwrite v with the solution of the policy system; components that are no chain are solved to `tol`.
-
-    `up` and `down` are the pixels' neighbours, and 0 outside the shape. `owner` (int32, like v) is to be `DONE`
-    outside the shape and is so inside on return; `chains` (5, pixels) int32 and `work` (pixels,) are scratch.
-    Returns the number of unknowns in components that were no chain.
-    """
-    for run in range(starts.size):
-        owner[starts[run] : ends[run]] = 0
-    unknowns = 0
-    for run in range(starts.size):
-        for root in range(starts[run], ends[run]):
-            if owner[root] == DONE or _solve_single(v, root, up, down, owner, factors):
-                continue
-            height = 1
-            _open_chain(root, 0, chains, owner, up, down)
-            chain = 0
-            chains[CALLER, 0] = -1
-            while chain >= 0:
-                side = chains[VISITED, chain] % _LOOP
-                if side < 2:
-                    chains[VISITED, chain] += 1
-                    target = dependency(chains, chain, side, up, down)
-                    state = owner[target]
-                    if state == DONE or target == chains[side, chain]:
-                        continue
-                    if state == 0:
-                        if _solve_single(v, target, up, down, owner, factors):
-                            continue
-                        _open_chain(target, height, chains, owner, up, down)
-                        chains[CALLER, height] = chain
-                        chain = height
-                        height += 1
-                    elif state - 1 == chain:
-                        chains[VISITED, chain] += _LOOP
-                    else:
-                        chains[LOW, chain] = min(chains[LOW, chain], state - 1)
-                    continue
-                caller = chains[CALLER, chain]
-                low = chains[LOW, chain]
-                if low != chain:
-                    chains[LOW, caller] = min(chains[LOW, caller], low)
-                else:
-                    if height == chain + 1 and chains[VISITED, chain] < _LOOP:
-                        solve_chain(
-                            v, chains[HEAD, chain], chains[LAST, chain], up, down, factors, screening, work, owner
-                        )
-                    else:
-                        unknowns += solve_component(
-                            v, chain, height, chains, owner, up, down, factors, screening, tol, work
-                        )
-                    height = chain
-                chain = caller
-    return unknowns
+def _try_chain(v, x, up, down, factors, screening, work):  # type: ignore[no-untyped-def]
+    """Solve the chain through x, or return a pixel that it depends on and that is not yet solved."""
+    last = x
+    while up[last] != last and down[up[last]] == last:
+        last = up[last]
+        if up[last] < 0:  # the path has been on this chain before
+            return _CYCLE
+    if v[up[last]] < 0.0 and up[last] != last:
+        return up[last]
+    head = x
+    while down[head] != head and up[down[head]] == head:
+        head = down[head]
+    if v[down[head]] < 0.0 and down[head] != head:
+        return down[head]
+    solve_chain(v, head, last, up, down, factors, screening, work)
+    return _SOLVED

@@ -4,6 +4,8 @@ A run is a row segment of the shape. Its block max is taken in two steps that bo
 neighbouring rows, column by column, then over three adjacent columns.
 """
 
+import numpy as np
+
 from torchlinf._kernels._compile import kernel
 
 
@@ -70,28 +72,41 @@ def residual_bounds(v, starts, ends, rows, screening, buffer):  # type: ignore[n
 
 
 @kernel
-def choose_policies(v, starts, ends, rows, block, tie, up, down, buffer):  # type: ignore[no-untyped-def]
+def choose_policies(v, starts, ends, rows, tie, up, down, buffer):  # type: ignore[no-untyped-def]
     """The neighbours that hold the block max (up) and min (down) of every pixel.
 
     The canonical tie rule: among the neighbours within `tie` of the extremum the pixel itself if it is one, else the
     one of smallest index. Without it, values that are equal in exact arithmetic would make chains zigzag.
     """
-    high, low = buffer[0], buffer[1]
+    high, low, most, least = buffer[0], buffer[1], buffer[2], buffer[3]
     for run in range(starts.size):
         start = starts[run]
         length = ends[run] - start
         _row_extrema(v, rows, start - 1, length + 2, high, low)
         for j in range(length):
-            x = start + j
-            most = max(max(high[j], high[j + 1]), high[j + 2]) - tie
-            least = min(min(low[j], low[j + 1]), low[j + 2]) + tie
-            up[x] = x if v[x] >= most else _first_beyond(v, x, block, most, 1.0)
-            down[x] = x if v[x] <= least else _first_beyond(v, x, block, -least, -1.0)
+            most[j] = max(max(high[j], high[j + 1]), high[j + 2]) - tie
+            least[j] = min(min(low[j], low[j + 1]), low[j + 2]) + tie
+        for row in range(rows.size - 1, -1, -1):  # descending, so that the smallest index is written last
+            _choose_in_row(v, start + rows[row], length, most, least, up[start:], down[start:])
+        values, above, below = v[start : start + length], up[start : start + length], down[start : start + length]
+        for j in range(length):
+            above[j] = start + j if values[j] >= most[j] else above[j]
+            below[j] = start + j if values[j] <= least[j] else below[j]
 
 
 @kernel
-def _first_beyond(v, x, block, bound, sign):  # type: ignore[no-untyped-def]
-    for offset in block:
-        if sign * v[x + offset] >= bound:
-            return x + offset
-    return x
+def _choose_in_row(v, first, length, most, least, above, below):  # type: ignore[no-untyped-def]
+    """Point every pixel to the first of its three neighbours in one row that holds its extremum, if one does."""
+    left, middle, right = (
+        v[first - 1 : first - 1 + length],
+        v[first : first + length],
+        v[first + 1 : first + 1 + length],
+    )
+    for j in range(length):
+        x = np.int32(first + j)
+        y = x + np.int32(1) if right[j] >= most[j] else above[j]
+        y = x if middle[j] >= most[j] else y
+        above[j] = x - np.int32(1) if left[j] >= most[j] else y
+        y = x + np.int32(1) if right[j] <= least[j] else below[j]
+        y = x if middle[j] <= least[j] else y
+        below[j] = x - np.int32(1) if left[j] <= least[j] else y

@@ -15,7 +15,7 @@ from torchlinf._parallel import for_each
 from torchlinf._solver.problem import RESOLUTION, Problem, Solved
 from torchlinf._solver.status import Status
 
-SWEEPS = 32  # between two solves, or D / 8 if that is more; doubled where progress stalls: sweeps alone converge
+SWEEPS = 20  # between two solves, or D / 8 if that is more; doubled where progress stalls: sweeps alone converge
 PATIENCE = 3  # rounds without half the residual after which progress counts as stalled
 COARSEST = 8  # radius up to which no coarser grid is worth its while
 COARSE_TOL = 0.01  # residual beyond which a coarse field would be no better a start
@@ -161,7 +161,7 @@ class Field:
             if idle == PATIENCE:
                 idle, count = 0, 2 * count
             tie = max(TIE * float(self.shape.profile[-1]), NOISE * self.residual)
-            sweeps.choose_policies(*self.stencil, self.shape.grid.block, tie, system.up, system.down, self.buffer)
+            sweeps.choose_policies(*self.stencil, tie, system.up, system.down, self.buffer)
             system.solve(self.v, max(NOISE * self.residual, 1e-13 * float(self.shape.profile[-1])))
             self.num_solves += 1
             if self.certify():
