@@ -1,8 +1,9 @@
 """The sum of all erosions of a grey mask, and how a gradient flows back through it.
 
 With m the mask and N the minimum over the 3^n block, the sum is m + N m + N N m + ...; it ends where nothing is left,
-since m is 0 beyond the array. An erosion is taken axis by axis. It passes the gradient at a pixel to the pixel itself
-if that holds the minimum, else to the neighbours that do, in equal parts; what is eroded to 0 has no derivative.
+since m is 0 beyond the array. So an erosion is 0 on the outermost pixels, and is kept without them: each is smaller by
+one pixel on every side. It is taken axis by axis. It passes the gradient at a pixel to the pixel itself if that holds
+the minimum, else to the neighbours that do, in equal parts; what is eroded to 0 has no derivative.
 """
 
 import math
@@ -14,7 +15,6 @@ from torch import Tensor
 
 from torchlinf._kernels import usable
 from torchlinf._parallel import for_each
-from torchlinf._stencil import block_min
 
 
 def sum_of_erosions(occupancy: Tensor) -> Tensor:
@@ -26,8 +26,8 @@ def sum_of_erosions(occupancy: Tensor) -> Tensor:
     if usable(occupancy):
         from torchlinf._kernels.erosions import erode
 
-        return _shape_by_shape(lambda m: _sum(m, erode), occupancy)
-    return _sum(occupancy, _erode)
+        return _shape_by_shape(lambda m: _sum(m, erode, m.ndim), occupancy)
+    return _sum(occupancy, _erode, occupancy.ndim - 1)
 
 
 def pull_back(occupancy: Tensor, gradient: Tensor) -> Tensor:
@@ -39,29 +39,37 @@ def pull_back(occupancy: Tensor, gradient: Tensor) -> Tensor:
     if usable(occupancy):
         from torchlinf._kernels.erosions import erode, through_erosion
 
-        return _shape_by_shape(lambda m, g: _pull(m, g, erode, through_erosion), occupancy, gradient)
-    return _pull(occupancy, gradient, _erode, _through_erosion)
+        return _shape_by_shape(lambda m, g: _pull(m, g, erode, through_erosion, m.ndim), occupancy, gradient)
+    return _pull(occupancy, gradient, _erode, _through_erosion, occupancy.ndim - 1)
 
 
-def _sum(m: Any, erode: Callable[[Any], Any]) -> Any:
-    """The sum, for arrays or tensors."""
+def _sum(m: Any, erode: Callable[[Any], Any], ndim: int) -> Any:
+    """The sum, for arrays or tensors with `ndim` spatial dimensions."""
     total = m + 0
-    eroded = erode(m)
+    number, eroded = 1, erode(m)
     while eroded.any():
-        total += eroded
-        eroded = erode(eroded)
+        _within(total, number, ndim)[...] += eroded
+        number, eroded = number + 1, erode(eroded)
     return total
 
 
-def _pull(m: Any, gradient: Any, erode: Callable[[Any], Any], through: Callable[[Any, Any], Any]) -> Any:
+def _pull(m: Any, gradient: Any, erode: Callable[[Any], Any], through: Callable[[Any, Any], Any], ndim: int) -> Any:
     """The gradient by m, for arrays or tensors: from the last erosion to the first, each adds its part."""
     count, eroded = 0, m
     while eroded.any():
         count, eroded = count + 1, erode(eroded)
-    flow = 0 * gradient
+    if count == 0:
+        return 0 * gradient
+    flow = 0 * eroded
     for eroded in _reversed_iterates(m, erode, count):
-        flow = through(flow, eroded) + gradient * (eroded > 0)
+        count -= 1
+        flow = through(flow, eroded) + _within(gradient, count, ndim) * (eroded > 0)
     return flow
+
+
+def _within(x: Any, rim: int, ndim: int) -> Any:
+    """x without the pixels nearer than `rim` to an end of the array."""
+    return x[(..., *(slice(rim, size - rim) for size in x.shape[x.ndim - ndim :]))]
 
 
 def _reversed_iterates(first: Any, advance: Callable[[Any], Any], count: int) -> Iterator[Any]:
@@ -98,15 +106,28 @@ def _shape_by_shape(function: Callable[..., Any], *tensors: Tensor) -> Tensor:
 
 
 def _erode(x: Tensor) -> Tensor:
-    return block_min(x, x.ndim - 1)
+    """Minimum over the 3^n block of every pixel but the outermost."""
+    for dim in range(1, x.ndim):
+        x = _least(x, dim)
+    return x
+
+
+def _least(x: Tensor, dim: int) -> Tensor:
+    left, middle, right = _threes(x, dim)
+    return torch.minimum(torch.minimum(left, right), middle)
+
+
+def _threes(x: Tensor, dim: int) -> list[Tensor]:
+    """Of all three adjacent places along a dimension the first, the second and the third."""
+    size = x.shape[dim]
+    return [x.narrow(dim, min(k, size), max(0, size - 2)) for k in range(3)]
 
 
 def _through_erosion(flow: Tensor, before: Tensor) -> Tensor:
     """The gradient by a batch of masks from the one by its erosion."""
     stages = [before]
     for dim in range(1, before.ndim):
-        lines = stages[-1].movedim(dim, -1)
-        stages.append(_erode(lines.flatten(0, -2)).view_as(lines).movedim(-1, dim))
+        stages.append(_least(stages[-1], dim))
     for dim in range(before.ndim - 1, 0, -1):
         after = stages.pop()
         flow = _through_axis(flow, stages[-1], after, dim)
@@ -115,13 +136,10 @@ def _through_erosion(flow: Tensor, before: Tensor) -> Tensor:
 
 def _through_axis(flow: Tensor, before: Tensor, after: Tensor, dim: int) -> Tensor:
     """The gradient by `before` from the one by `after`, its erosion along one axis."""
-    kept = flow * (before == after)
-    moved = (flow - kept).movedim(dim, -1)
-    padded = torch.nn.functional.pad(before.movedim(dim, -1), (1, 1))
-    least = after.movedim(dim, -1)
-    left, right = padded[..., :-2] == least, padded[..., 2:] == least
-    moved = moved / (left.to(flow.dtype) + right).clamp(min=1)
-    found = kept.movedim(dim, -1)
-    found[..., :-1] += (moved * left)[..., 1:]
-    found[..., 1:] += (moved * right)[..., :-1]
-    return found.movedim(-1, dim)
+    left, middle, right = (part == after for part in _threes(before, dim))
+    kept = flow * middle
+    moved = (flow - kept) / (left.to(flow) + right).clamp(min=1)
+    found = torch.zeros_like(before)
+    for part, share in zip(_threes(found, dim), (moved * left, kept, moved * right), strict=True):
+        part += share
+    return found

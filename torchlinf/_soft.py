@@ -117,10 +117,8 @@ def occupancies(shapes: Tensor, number: int) -> list[tuple[Tensor, Tensor]]:
     So a mask of one grey is the mask, and thresholds that leave nothing do not count. A binary mask needs one slice.
     """
     shapes = shapes.to(torch.float32 if shapes.device.type == "mps" else torch.float64)
-    grey = shapes.detach() * (1 - shapes.detach())
-    if not grey.any():
-        number = 1
-    slices = [_cut(number * shapes - low) for low in range(number)]
+    binary = not ((shapes > 0) & (shapes < 1)).any()
+    slices = [shapes] if binary or number == 1 else [_cut(number * shapes - low) for low in range(number)]
     reached = [largest(part) for part in slices]
     return [
         (part / torch.where(most > LEAST, most, 1).view(-1, *[1] * (part.ndim - 1)), most)
