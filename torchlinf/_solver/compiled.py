@@ -15,7 +15,8 @@ from torchlinf._parallel import for_each
 from torchlinf._solver.problem import RESOLUTION, Problem, Solved
 from torchlinf._solver.status import Status
 
-SWEEPS = 20  # between two solves, or D / 8 if that is more; doubled where progress stalls: sweeps alone converge
+SWEEPS = 40  # a sweep costs 3^(n-1) rows, a solve the same in all dimensions: so many sweeps by n between two solves,
+# or D / 8 if that is more; doubled where progress stalls, since sweeps alone converge
 PATIENCE = 3  # rounds without half the residual after which progress counts as stalled
 COARSEST = 8  # radius up to which no coarser grid is worth its while
 COARSE_TOL = 0.01  # residual beyond which a coarse field would be no better a start
@@ -117,7 +118,7 @@ class Field:
     def run(self) -> np.ndarray:
         """Solve, and return the field without its padding."""
         if self.solvable and not self.certify():
-            if self.shape.radius > COARSEST and self.limit >= 2 * SWEEPS:
+            if self.shape.radius > COARSEST and self.limit >= SWEEPS:
                 self.start_from_coarse()
             self.iterate()
         return self.v.reshape(self.shape.grid.shape)[grid.interior(len(self.shape.grid.shape))]
@@ -147,7 +148,7 @@ class Field:
     def iterate(self) -> None:
         """Sweep and solve in turn until certified, or the sweeps are used up."""
         system = chains.PolicySystem(self.shape.grid, self.shape.screening)
-        count, idle = max(SWEEPS, self.shape.radius // 8), 0
+        count, idle = max(SWEEPS // len(self.shape.grid.shape), self.shape.radius // 8), 0
         best = np.inf
         while self.sweeps() + 2 <= self.limit:
             self.check()
