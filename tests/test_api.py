@@ -11,6 +11,7 @@ import pytest
 import torch
 
 import torchlinf
+import torchlinf.labels
 from torchlinf import shapes
 
 SOLVE = "rho=None, tol=1e-09"
@@ -76,6 +77,11 @@ def test_the_version_has_three_numbers() -> None:
         (shapes.Appendage, "(face, width, depth, offset=None)"),
         (shapes.with_appendages, "(sides, appendages, *, margin=0)"),
         (shapes.cube_with_appendages, "(side, appendage_side, faces, *, margin=0)"),
+        (
+            torchlinf.labels.complexity_table,
+            "(label_map, *, windows=None, properties=(), intensity_image=None, spacing=None, bins=1024, "
+            "estimator='entropy', tol=1e-09)",
+        ),
     ],
 )
 def test_signatures(function: Callable[..., object], expected: str) -> None:

@@ -25,7 +25,7 @@ def profile_crops(
     worked on exist, one for each of torch's threads, and a shape costs its kernels and little else.
 
     Args:
-        crop: the i-th mask, any box that holds the shape; called on several threads.
+        crop: the i-th mask, any box that holds the shape, the smallest being the quickest; called on several threads.
         count: how many there are.
         estimator: as in `complexity_profile`.
         bins: as there.
@@ -76,19 +76,19 @@ def _by_kernels(
 ) -> Measured | None:
     """The same by the compiled kernels alone; None if that is not certified."""
     from torchlinf._compiled import ESTIMATORS
-    from torchlinf._kernels import distance, grid, histograms
+    from torchlinf._kernels import distance, grid, histograms, levels
     from torchlinf._solver.compiled import Field, Shape
 
-    box = grid.crop(mask)
-    if not mask[box].size:
+    geometry = grid.make_grid(grid.pad(mask))
+    if not geometry.pixels:
         return np.zeros(0), 0.0
-    geometry = grid.make_grid(grid.pad(mask[box]))
     depth = distance.chessboard_of(geometry)  # flat, padded
     radius = int(depth.max())
-    inside = depth.reshape(geometry.shape)[grid.interior(mask.ndim)]
-    field = Field(Shape.from_mask(mask[box], 1.0 / radius**2, inside), tol, None, check)
-    value = field.run()
+    screening = 1.0 / radius**2
+    field = Field(Shape(geometry, depth, screening, levels.square_profile(radius, screening)), tol, None, check)
+    field.run()
     if not field.bound <= field.tol:
         return None
-    values, begin = histograms.sort_by_level(value.reshape(-1), inside.reshape(-1), radius)
+    # The ring of outside pixels is on no level, so field and distance can stay padded.
+    values, begin = histograms.sort_by_level(field.v, depth, radius)
     return ESTIMATORS[estimator](values, begin, bins, EDGE_SLACK), float(field.bound)
