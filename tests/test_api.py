@@ -12,6 +12,7 @@ import torch
 
 import torchlinf
 import torchlinf.labels
+import torchlinf.metrics
 from torchlinf import shapes
 
 SOLVE = "rho=None, tol=1e-09"
@@ -77,6 +78,12 @@ def test_the_version_has_three_numbers() -> None:
         (shapes.Appendage, "(face, width, depth, offset=None)"),
         (shapes.with_appendages, "(sides, appendages, *, margin=0)"),
         (shapes.cube_with_appendages, "(side, appendage_side, faces, *, margin=0)"),
+        (
+            torchlinf.metrics.ShapeComplexity,
+            "(num_classes, *, low=0.0, high=1.0, windows=None, threshold=None, input_format='one-hot', "
+            "average='macro', include_background=True, ignore_index=None, empty='worst', bins=1024, "
+            "estimator='entropy', tol=1e-09, **kwargs)",
+        ),
         (
             torchlinf.labels.complexity_table,
             "(label_map, *, windows=None, properties=(), intensity_image=None, spacing=None, bins=1024, "
