@@ -13,6 +13,7 @@ import torch
 import torchlinf
 import torchlinf.labels
 import torchlinf.metrics
+import torchlinf.transforms
 from torchlinf import shapes
 
 SOLVE = "rho=None, tol=1e-09"
@@ -83,6 +84,18 @@ def test_the_version_has_three_numbers() -> None:
             "(num_classes, *, low=0.0, high=1.0, windows=None, threshold=None, input_format='one-hot', "
             "average='macro', include_background=True, ignore_index=None, empty='worst', bins=1024, "
             "estimator='entropy', tol=1e-09, **kwargs)",
+        ),
+        (
+            torchlinf.transforms.ShapeComplexityScore,
+            "(low=0.0, high=1.0, *, threshold=None, spatial_ndim=2, bins=1024, estimator='entropy', tol=1e-09)",
+        ),
+        (
+            torchlinf.transforms.ShapeComplexityScored,
+            "(keys, *, postfix='complexity', allow_missing_keys=False, **kwargs)",
+        ),
+        (
+            torchlinf.transforms.ComplexitySampler,
+            "(scores, *, between=None, share=1.0, weight=None, num_samples=None, seed=0, num_replicas=1, rank=0)",
         ),
         (
             torchlinf.labels.complexity_table,

@@ -1,0 +1,113 @@
+"""ComplexitySampler: which samples are drawn, how often, and by whom."""
+
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+from torch.utils.data import DataLoader, TensorDataset
+
+from torchlinf.transforms import ComplexitySampler
+
+SCORES = torch.tensor([2.5, 0.0, torch.nan, 1.0, 4.0, 3.0, 1.0, 0.5])
+
+
+def drawn(sampler: ComplexitySampler) -> Tensor:
+    found = torch.tensor(list(sampler))
+    assert len(found) == len(sampler)
+    return found
+
+
+def test_all_samples_with_a_score_are_drawn_once() -> None:
+    sampler = ComplexitySampler(SCORES)
+    epochs = [drawn(sampler) for _ in range(3)]
+    for epoch in epochs:
+        assert sorted(epoch.tolist()) == [0, 1, 3, 4, 5, 6, 7]
+    assert not torch.equal(epochs[0], epochs[1])
+
+
+def test_a_range_keeps_what_lies_in_it() -> None:
+    sampler = ComplexitySampler(SCORES, between=(0.5, 2.5))
+    assert sorted(sampler) == [0, 3, 6, 7]
+    assert sorted(ComplexitySampler(SCORES.tolist(), between=(4.0, 9.0))) == [4]
+
+
+def test_a_curriculum_begins_with_the_simplest_and_ends_with_all() -> None:
+    sampler = ComplexitySampler(SCORES, share=lambda epoch: min(1.0, 0.25 * (epoch + 1)))
+    pools = [set(drawn(sampler).tolist()) for _ in range(5)]
+    assert pools == [{1, 7}, {1, 7, 3, 6}, {1, 7, 3, 6, 0, 5}, {0, 1, 3, 4, 5, 6, 7}, {0, 1, 3, 4, 5, 6, 7}]
+    backwards = ComplexitySampler(-SCORES, share=0.25)
+    assert set(backwards) == {4, 5}
+
+
+def test_every_epoch_is_equally_long_and_draws_its_pool_evenly() -> None:
+    sampler = ComplexitySampler(SCORES, share=0.4, num_samples=10)
+    counts = torch.bincount(drawn(sampler), minlength=8)
+    assert counts.sum() == 10
+    assert sorted(counts[counts > 0].tolist()) == [3, 3, 4]
+
+
+def test_weights_are_proportions() -> None:
+    sampler = ComplexitySampler(SCORES, weight=torch.square, num_samples=40_000)
+    counts = torch.bincount(drawn(sampler), minlength=8)
+    expected = SCORES.nan_to_num(0.0).square()
+    assert counts[expected == 0].sum() == 0
+    torch.testing.assert_close(counts / 40_000, expected / expected.sum(), rtol=0.05, atol=0.005)
+
+
+def test_the_epoch_and_the_seed_make_the_order() -> None:
+    first, second = ComplexitySampler(SCORES), ComplexitySampler(SCORES)
+    expected = [drawn(first) for _ in range(3)]
+    second.set_epoch(2)
+    assert torch.equal(drawn(second), expected[2])
+    assert second.epoch == 3
+    other = drawn(ComplexitySampler(SCORES, seed=7))
+    assert not torch.equal(other, expected[0])
+
+
+def test_replicas_share_an_epoch() -> None:
+    parts = [ComplexitySampler(SCORES, num_replicas=3, rank=rank) for rank in range(3)]
+    assert [len(part) for part in parts] == [3, 3, 3]  # 7 samples, so that two are drawn twice
+    together = torch.cat([drawn(part) for part in parts])
+    assert set(together.tolist()) == {0, 1, 3, 4, 5, 6, 7}
+    whole = drawn(ComplexitySampler(SCORES, num_samples=9))
+    assert sorted(together.tolist()) == sorted(whole.tolist())
+
+
+def test_in_a_loader() -> None:
+    data = TensorDataset(torch.arange(8))
+    loader = DataLoader(data, batch_size=3, sampler=ComplexitySampler(SCORES, between=(0.0, 1.0)))
+    assert len(loader) == 2
+    assert sorted(torch.cat([batch[0] for batch in loader]).tolist()) == [1, 3, 6, 7]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"scores": torch.zeros(2, 3)}, r"scores must be \(N,\)"),
+        ({"scores": torch.full((4,), torch.nan)}, "got none among 4"),
+        ({"scores": []}, "got none among 0"),
+        ({"between": (7.0, 9.0)}, "between 7.0 and 9.0"),
+        ({"rank": 2, "num_replicas": 2}, "rank must be from 0 to 1"),
+        ({"num_samples": 0}, "num_samples must be"),
+    ],
+)
+def test_wrong_options(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        ComplexitySampler(**{"scores": SCORES, **options})
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"share": 0.0}, r"share must be in \(0, 1\]; got 0.0 in epoch 0"),
+        ({"share": lambda epoch: 1.5}, "got 1.5"),
+        ({"weight": lambda scores: -scores}, "weight must give 7 finite numbers"),
+        ({"weight": lambda scores: 0 * scores}, "not all 0"),
+        ({"weight": lambda scores: scores[:2]}, "weight must give 7"),
+        ({"weight": lambda scores: scores * torch.nan}, "finite"),
+    ],
+)
+def test_wrong_schedules(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        list(ComplexitySampler(SCORES, **options))

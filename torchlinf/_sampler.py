@@ -1,0 +1,113 @@
+"""A sampler for loaders that draws samples by their complexity."""
+
+from collections.abc import Callable, Iterator, Sequence
+from math import ceil
+
+import torch
+from torch import Tensor
+from torch.utils.data import Sampler
+
+from torchlinf._checks import count
+
+
+class ComplexitySampler(Sampler[int]):
+    """Draws samples of a dataset by their complexity: a range, weights, or a curriculum from simple to complex.
+
+    The scores are taken once, before training, by a pass over the dataset with `ShapeComplexityScore` or from the table
+    of `torchlinf score`. Every epoch draws equally many indices, whatever the share, so that schedules of the learning
+    rate need not know of it; a small pool is gone through several times.
+
+    Args:
+        scores: (N,) the complexity of each sample. Samples with NaN, those without a mask, are never drawn. Pass
+            `-scores` to begin with the most complex ones.
+        between: keep only samples whose score is in this closed range, for example (0.0, 3.0).
+        share: the share of the kept samples, the simplest ones, that an epoch draws from: a number in (0, 1], or a
+            function of the epoch (0, 1, 2 ...).
+        weight: a function from scores (n,) to weights (n,), 0 or more; samples are drawn with replacement in proportion
+            to them. None draws all alike, each as often as any other, up to one.
+        num_samples: indices an epoch, over all replicas; None means as many as samples are kept.
+        seed: of the order, which depends on it and on the epoch alone.
+        num_replicas: number of processes that train together, each of which gets its own part.
+        rank: which of them this is.
+
+    The epoch advances with every pass; `set_epoch` sets it, as that of `DistributedSampler` does.
+
+    Raises:
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument has a wrong value, or no sample is kept.
+
+    Example:
+        >>> scores = torch.tensor([2.5, 0.0, torch.nan, 1.0, 4.0])
+        >>> sampler = ComplexitySampler(scores, share=lambda epoch: min(1.0, 0.5 + 0.25 * epoch))
+        >>> [sorted(sampler) for epoch in range(3)]
+        [[1, 1, 3, 3], [0, 1, 1, 3], [0, 1, 3, 4]]
+    """
+
+    def __init__(
+        self,
+        scores: Tensor | Sequence[float],
+        *,
+        between: tuple[float, float] | None = None,
+        share: float | Callable[[int], float] = 1.0,
+        weight: Callable[[Tensor], Tensor] | None = None,
+        num_samples: int | None = None,
+        seed: int = 0,
+        num_replicas: int = 1,
+        rank: int = 0,
+    ) -> None:
+        values = torch.as_tensor(scores, dtype=torch.float64).detach().cpu()
+        if values.ndim != 1:
+            raise ValueError(f"scores must be (N,), one a sample; got {tuple(values.shape)}. Pass scores.flatten().")
+        low, high = (-torch.inf, torch.inf) if between is None else between
+        kept = ((values >= low) & (values <= high)).nonzero()[:, 0]
+        if not len(kept):
+            raise ValueError(
+                f"scores must hold a number between {low} and {high}; got none among {len(values)}. Widen `between`."
+            )
+        order = kept[values[kept].argsort(stable=True)]
+        self.indices, self.scores = order, values[order]  # (n,) from simple to complex
+        self.share, self.weight, self.seed = share, weight, seed
+        self.num_replicas, self.rank = count(num_replicas, "num_replicas"), rank
+        if not 0 <= rank < num_replicas:
+            raise ValueError(f"rank must be from 0 to {num_replicas - 1}; got {rank}. Pass that of this process.")
+        self.length = ceil((len(order) if num_samples is None else count(num_samples, "num_samples")) / num_replicas)
+        self.epoch = 0
+
+    def set_epoch(self, epoch: int) -> None:
+        """Set the epoch of the next pass."""
+        self.epoch = epoch
+
+    def __len__(self) -> int:
+        """Indices an epoch, of this replica."""
+        return self.length
+
+    def __iter__(self) -> Iterator[int]:
+        """One epoch."""
+        generator = torch.Generator().manual_seed(self.seed + self.epoch)
+        pool = self._pool(self.epoch)
+        self.epoch += 1
+        total = self.length * self.num_replicas
+        if self.weight is None:
+            rounds = [torch.randperm(pool, generator=generator) for _ in range(ceil(total / pool))]
+            drawn = torch.cat(rounds)[:total]
+        else:
+            drawn = torch.multinomial(self._weights(pool), total, replacement=True, generator=generator)
+        return iter(self.indices[drawn[self.rank :: self.num_replicas]].tolist())
+
+    def _pool(self, epoch: int) -> int:
+        """How many of the samples, from the simplest on, an epoch draws from."""
+        share = self.share(epoch) if callable(self.share) else self.share
+        if not 0 < share <= 1:
+            raise ValueError(f"share must be in (0, 1]; got {share!r} in epoch {epoch}. Pass for example 0.5.")
+        return ceil(share * len(self.indices))
+
+    def _weights(self, pool: int) -> Tensor:
+        assert self.weight is not None
+        weights = torch.as_tensor(self.weight(self.scores[:pool]), dtype=torch.float64)
+        good = weights.shape == (pool,) and bool((weights.isfinite() & (weights >= 0)).all()) and weights.sum() > 0
+        if not good:
+            raise ValueError(
+                f"weight must give {pool} finite numbers of 0 or more, not all 0; got {weights}. "
+                "Pass for example weight=torch.exp."
+            )
+        return weights
