@@ -15,6 +15,7 @@ __all__ = ["complexity_table"]
 Box = tuple[slice, ...]
 Windows = Mapping[str, tuple[float, float]]
 
+LARGEST = 2**20  # find_objects makes a list as long as the largest label; beyond this, renumbering costs less
 COLUMNS = ("label", "radius", "touches_frame", "error_bound")
 
 
@@ -85,16 +86,21 @@ def complexity_table(
     positive(tol, "tol")
     windows = {"complexity": (0.0, 1.0)} if windows is None else _windows(windows, properties)
     found = _label_map(label_map)
-    numbered, names, boxes = _objects(found)
-    profile = profile_crops(
-        lambda i: numbered[boxes[i]] == i + 1, len(boxes), bins=bins, estimator=estimator, tol=tol
-    )  # fmt: skip
+    numbered, boxes, names = _objects(found)
+    objects = list(boxes.items())
+
+    def crop(i: int) -> NDArray[np.bool_]:
+        number, box = objects[i]
+        inside: NDArray[np.bool_] = numbered[box] == number
+        return inside
+
+    profile = profile_crops(crop, len(objects), bins=bins, estimator=estimator, tol=tol)
     return {
         "label": names,
         **_properties(numbered, properties, intensity_image, spacing),
         "radius": profile.radius.numpy(),
         **{name: profile.mean(*ends).numpy() for name, ends in windows.items()},
-        "touches_frame": np.array([_touches(box, found.shape) for box in boxes], dtype=np.bool_),
+        "touches_frame": np.array([_touches(box, found.shape) for box in boxes.values()], dtype=np.bool_),
         "error_bound": profile.error_bound.numpy(),
     }
 
@@ -131,19 +137,21 @@ def _label_map(label_map: Tensor | ArrayLike) -> NDArray[Any]:
     return found
 
 
-def _objects(label_map: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], list[Box]]:
-    """The map with its objects numbered 1, 2 ..., the labels that these numbers stand for, and the objects' boxes."""
+def _objects(label_map: NDArray[Any]) -> tuple[NDArray[Any], dict[int, Box], NDArray[Any]]:
+    """A map with labels small enough for tables, the box of each of its labels, and what these are called."""
     from scipy.ndimage import find_objects
     from skimage.segmentation import relabel_sequential
 
     if not label_map.size:
-        return label_map, label_map.reshape(-1), []
-    # A table indexed by label, as find_objects makes, would not fit into memory for huge labels.
+        return label_map, {}, label_map.reshape(-1)
     usable = np.require(label_map, label_map.dtype.newbyteorder("="), ["C", "W"])  # the compiled code is particular
-    numbered, _, names = relabel_sequential(usable)  # type: ignore[no-untyped-call]
-    numbered = numbered.astype(np.int32, copy=False)
-    labels = names.out_values
-    return numbered, labels[labels != 0].astype(label_map.dtype), find_objects(numbered)
+    names = None
+    if usable.max() > LARGEST:
+        usable, _, back = relabel_sequential(usable)  # type: ignore[no-untyped-call]
+        usable, names = usable.astype(np.int32, copy=False), back.out_values[back.out_values != 0]
+    boxes = {number: box for number, box in enumerate(find_objects(usable), start=1) if box is not None}
+    labels = np.fromiter(boxes, dtype=np.int64) if names is None else names
+    return usable, boxes, labels.astype(label_map.dtype)
 
 
 def _touches(box: Box, shape: tuple[int, ...]) -> bool:

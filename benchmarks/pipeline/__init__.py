@@ -1,0 +1,1 @@
+"""What the entry points cost where people work: label maps, and loaders with a transform."""

@@ -1,0 +1,49 @@
+"""Measure the entry points: `python -m benchmarks.pipeline [--only labels] [--threads 1]`; prints Markdown tables."""
+
+import argparse
+
+import torch
+
+from benchmarks.pipeline import labels, loader
+from benchmarks.timing import Ratio
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print one table a question."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.pipeline", description=__doc__)
+    parser.add_argument("--only", choices=("labels", "loader"), help="one question")
+    parser.add_argument("--threads", type=int, default=1, help="torch's threads, for the label map")
+    parser.add_argument("--toy", action="store_true", help="sizes that say nothing, for tests")
+    options = parser.parse_args(arguments)
+    torch.set_num_threads(options.threads)
+    if options.only != "loader":
+        print(_labels(labels.run(128, 9, 1) if options.toy else labels.run()), flush=True)
+    if options.only != "labels":
+        print(_loader(loader.run(4, 48, 1, 1) if options.toy else loader.run()), flush=True)
+
+
+def _labels(answer: labels.Answer) -> str:
+    return (
+        "| label map | |\n|---|---|\n"
+        f"| `labels.complexity_table`, {answer.objects:,} objects | {answer.seconds:.2f} s |\n"
+        f"| a loop over boxes cut by `regionprops`, times as long | {_times(answer.cropped)} |\n"
+        f"| the same in processor time | {answer.cropped.cpu:.2f} |\n"
+        f"| a loop over `label_map == label`, times as long | {answer.full:.0f} |\n"
+    )
+
+
+def _loader(answers: list[loader.Answer]) -> str:
+    rows = [
+        f"| {answer.name} | {answer.each:.1f} | {_times(answer.slowdown)} | {answer.agreement:.3f} |"
+        for answer in answers
+    ]
+    head = "| scored | ms a sample, one process | an epoch with two workers, times as long | rank correlation |"
+    return "\n".join([head, "|---|---|---|---|", *rows, ""])
+
+
+def _times(ratio: Ratio) -> str:
+    return f"{ratio.median:.2f} ({ratio.low:.2f} to {ratio.high:.2f})"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,44 @@
+"""That the benchmarks of the entry points run, and compare like with like."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))  # `benchmarks` is not installed with the library
+
+from benchmarks.pipeline import __main__ as command  # noqa: E402
+from benchmarks.pipeline import labels, loader  # noqa: E402
+from torchlinf.labels import complexity_table  # noqa: E402
+
+
+def test_every_question_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
+    command.main(["--toy"])
+    printed = capsys.readouterr().out
+    assert "`labels.complexity_table`, 9 objects" in printed
+    assert "| a copy of half the side |" in printed
+    command.main(["--toy", "--only", "labels"])
+    assert "loader" not in capsys.readouterr().out
+
+
+def test_the_loops_give_the_numbers_of_the_table() -> None:
+    found = labels.nuclei(200, 16)
+    table = complexity_table(found)
+    assert len(table["label"]) == 16
+    assert len(np.unique(table["complexity"])) > 8
+    for loop in (labels.over_crops(found), labels.over_masks(found, 16)):
+        np.testing.assert_allclose(loop, table["complexity"], rtol=0, atol=1e-9)
+
+
+def test_samples_are_augmented_and_scored(tmp_path: Path) -> None:
+    loader.write(tmp_path, 2, 48)
+    plain = loader.Photographs(tmp_path)[1]
+    image, mask, score = loader.Photographs(tmp_path, loader.SCORES["the mask"])[1]
+    assert image.shape == (3, 48, 48)
+    assert mask.shape == (48, 48)
+    assert score > 0
+    assert bool((image == plain[0]).all())
+    assert bool((mask == plain[1]).all())
+    assert 0 < mask.float().mean() < 1
