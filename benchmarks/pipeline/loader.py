@@ -77,14 +77,20 @@ class Photographs(Dataset[Sample]):
 
     def scores(self) -> list[float]:
         """Of all masks, NaN without a score."""
-        masks = [Image.open(path.with_suffix(".png")) for path in self.paths]
+        masks = [decode(path.with_suffix(".png")) for path in self.paths]
         return [np.nan if self.score is None else self.score(mask).item() for mask in masks]
 
     def __getitem__(self, index: int) -> Sample:
         path = self.paths[index]
-        image, mask = Image.open(path).convert("RGB"), Image.open(path.with_suffix(".png"))
+        image, mask = decode(path), decode(path.with_suffix(".png"))
         scores = () if self.score is None else (self.score(mask),)
         return (*augment(image, mask, np.random.default_rng(index)), *scores)
+
+
+def decode(path: Path) -> Image.Image:
+    """The image of a file, which is closed again."""
+    with Image.open(path) as image:
+        return image.copy()
 
 
 def augment(image: Image.Image, mask: Image.Image, generator: np.random.Generator) -> Sample:
