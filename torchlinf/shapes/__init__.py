@@ -6,15 +6,31 @@ for; the library counts everything beyond the array as outside anyway.
 """
 
 from torchlinf.shapes.appendages import FACES, Appendage, cube_with_appendages, with_appendages
-from torchlinf.shapes.basic import box, disc, square, superellipse
+from torchlinf.shapes.bands import band, diagonal_pair
+from torchlinf.shapes.basic import box, disc, rectangle, square, superellipse
+from torchlinf.shapes.families import (
+    appendage_dictionary,
+    appendage_places,
+    cube_family,
+    nested_appendages,
+    zero_complexity,
+)
 
 __all__ = [
     "FACES",
     "Appendage",
+    "appendage_dictionary",
+    "appendage_places",
+    "band",
     "box",
+    "cube_family",
     "cube_with_appendages",
+    "diagonal_pair",
     "disc",
+    "nested_appendages",
+    "rectangle",
     "square",
     "superellipse",
     "with_appendages",
+    "zero_complexity",
 ]

@@ -54,6 +54,29 @@ def box(*sides: int, margin: int = 0) -> Tensor:
     return with_margin(torch.ones([count(side, "side") for side in sides], dtype=torch.bool), margin)
 
 
+def rectangle(height: int, width: int, *, margin: int = 0) -> Tensor:
+    """Axis-aligned rectangle; its complexity is exactly 0.
+
+    Args:
+        height: rows, 1 or more.
+        width: columns, 1 or more.
+        margin: outside pixels on every side, 0 or more.
+
+    Returns:
+        bool tensor (height + 2 margin, width + 2 margin).
+
+    Raises:
+        TypeError, ValueError: an argument is no integer, or too small.
+
+    Example:
+        >>> rectangle(1, 3, margin=1).int()
+        tensor([[0, 0, 0, 0, 0],
+                [0, 1, 1, 1, 0],
+                [0, 0, 0, 0, 0]], dtype=torch.int32)
+    """
+    return with_margin(torch.ones(count(height, "height"), count(width, "width"), dtype=torch.bool), margin)
+
+
 def disc(radius: float, *, margin: int = 0) -> Tensor:
     """Digital disc x^2 + y^2 <= radius^2 around the centre of a pixel.
 
