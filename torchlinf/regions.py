@@ -11,8 +11,10 @@ from torchlinf._checks import window
 from torchlinf._decision_grids import Bounds, Grid, Plane, bounds_around
 from torchlinf._decision_regions import Asked, DecisionRegions, Measured, regions_on
 from torchlinf._random_planes import PlaneComplexity, random_planes
+from torchlinf._region_loss import DecisionRegionLoss
 
 __all__ = [
+    "DecisionRegionLoss",
     "DecisionRegions",
     "Plane",
     "PlaneComplexity",
