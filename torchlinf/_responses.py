@@ -58,11 +58,9 @@ def class_masks(
         raise TypeError(f"threshold must be a number or None; got {threshold!r}. Pass for example 0.5.")
     responder = _responder(classifier, response_method)
     names = responder.classes if classes is None else tuple(classes)
-    limit = responder.threshold if threshold is None else threshold
     with _evaluating(classifier):
         parts = [
-            _reduce(response, names, limit, responder.labels)
-            for response in _in_chunks(responder.ask, grid, chunk_size)
+            _reduce(response, names, threshold, responder) for response in _in_chunks(responder.ask, grid, chunk_size)
         ]
     found = np.concatenate(parts)
     if found.ndim == 1:
@@ -162,12 +160,13 @@ def _checked(response: Any, points: Tensor) -> NDArray[Any]:
 
 
 def _reduce(
-    response: NDArray[Any], names: tuple[Any, ...] | None, threshold: float | None, labels: bool
+    response: NDArray[Any], names: tuple[Any, ...] | None, threshold: float | None, responder: Responder
 ) -> NDArray[Any]:
     """Labels (P,), or masks (P, C)."""
     if response.ndim == 1:
-        if labels or response.dtype.kind not in "f":
+        if responder.labels or response.dtype.kind not in "f":
             return response
+        threshold = responder.threshold if threshold is None else threshold
         if threshold is None:
             raise ValueError(
                 "threshold must be a number where the classifier answers one number a point; got None. "
