@@ -123,6 +123,26 @@ def test_a_failed_backward_raises(path: str) -> None:
         attached(weight).backward(torch.full_like(weight, torch.nan))
 
 
+def test_a_linear_solve_that_stops_short_raises(path: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    weight, _ = random_weights((5, 6), seed=2)
+    weight.requires_grad_()
+    field = attached(weight)
+    monkeypatch.setitem(transposed.TOL, torch.float64, (1e-11, 1e-40))  # less than rounding leaves
+    with pytest.raises(RuntimeError, match="relative residual of at most 1e-40"):
+        field.square().sum().backward()
+
+
+def test_what_is_kept_does_not_depend_on_the_number_of_sweeps() -> None:
+    """Three tensors, for one sweep's worth of work and for a thousand: long chains take most sweeps."""
+    for spatial in [(1, 4096), (64, 64)]:
+        saved: list[int] = []
+        weight = torch.full((1, *spatial), 0.4999, dtype=torch.float64, requires_grad=True)
+        value = torch.ones(1, *spatial, dtype=torch.float64)
+        with torch.autograd.graph.saved_tensors_hooks(lambda x, s=saved: s.append(x.numel()) or x, lambda x: x):  # type: ignore[misc]
+            _implicit.attach_gradient(value, weight, torch.zeros(1))
+        assert sum(saved) == 2 * 4096 + 1
+
+
 def test_second_derivatives_and_vmap_say_that_they_are_not_there() -> None:
     rho = torch.tensor([6.3, 4.0, 11.1], dtype=torch.float64, requires_grad=True)
     (gradient,) = torch.autograd.grad(field_of_rho(rho).square().sum(), rho, create_graph=True)

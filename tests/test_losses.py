@@ -171,6 +171,67 @@ def test_the_batch_does_not_matter_and_runs_repeat() -> None:
         assert torch.equal(slope[b : b + 1], gradient(loss, probability[b : b + 1]))
 
 
+def test_the_number_of_threads_does_not_matter() -> None:
+    probability = batch()
+    before = torch.get_num_threads()
+    try:
+        slopes = []
+        for threads in (1, 3):
+            torch.set_num_threads(threads)
+            slopes.append(gradient(ShapeComplexityLoss(), probability))
+    finally:
+        torch.set_num_threads(before)
+    assert slopes[0].any()
+    assert torch.equal(*slopes)
+
+
+@pytest.mark.parametrize("keep_area", [False, True])
+def test_gradients_turn_with_the_shapes(keep_area: bool) -> None:
+    """The same choice of moves for flipped and swapped input, or descent would favour a direction."""
+    loss = ShapeComplexityLoss(activation="sigmoid", keep_area=keep_area)
+    logits = (6 * batch() - 3).double()
+    straight = gradient(loss, logits)
+    assert straight.abs().max() > 1e-4
+    for dims in ((2,), (3,), (2, 3)):
+        torch.testing.assert_close(gradient(loss, logits.flip(dims)).flip(dims), straight)
+    torch.testing.assert_close(gradient(loss, logits.mT).mT, straight)
+
+
+@pytest.mark.parametrize("keep_area", [False, True])
+def test_no_nan_anywhere(keep_area: bool) -> None:
+    probability = torch.zeros(2, 3, 9, 12)
+    probability[0, 1] = 1
+    probability[0, 2, 4, 5] = 1
+    probability[1, 0] = 0.5
+    probability[1, 1, 2:6] = 1
+    probability[1, 2] = torch.rand(9, 12, generator=torch.Generator().manual_seed(0)).round()
+    loss = ShapeComplexityLoss(keep_area=keep_area)
+    assert torch.isfinite(loss(probability))
+    slope = gradient(loss, probability)
+    assert bool(torch.isfinite(slope).all())
+    assert slope[1, 2].any()
+    extreme = ShapeComplexityLoss(activation="sigmoid", keep_area=keep_area)
+    assert bool(torch.isfinite(gradient(extreme, 2000 * probability - 1000)).all())
+
+
+def test_labels_to_be_ignored_become_a_mask() -> None:
+    probability = batch()
+    labels = torch.zeros(2, 25, 28, dtype=torch.long)
+    labels[:, :6] = 255
+    slope = gradient(lambda p: ShapeComplexityLoss()(p, None, (labels != 255)[:, None]), probability)
+    assert not slope[:, :, :6].any()
+    torch.testing.assert_close(slope[:, :, 6:], gradient(ShapeComplexityLoss(), probability)[:, :, 6:])
+
+
+def test_second_derivatives_see_a_constant_gradient() -> None:
+    leaf = batch().requires_grad_()
+    (first,) = torch.autograd.grad(ShapeComplexityLoss()(leaf), leaf, create_graph=True)
+    assert first.any()
+    assert not first.requires_grad
+    found = torch.func.grad(ShapeComplexityLoss())(leaf.detach())
+    torch.testing.assert_close(found, first)
+
+
 def test_strides_do_not_matter() -> None:
     probability = batch()
     expected = gradient(ShapeComplexityLoss(), probability)

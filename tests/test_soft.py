@@ -182,13 +182,16 @@ def test_no_nan_anywhere(path: str, slices: int, estimator: str) -> None:
     assert batch.grad[6].abs().max() > 0
 
 
-def turned(function: Callable[[Tensor], Tensor], probability: Tensor, dims: tuple[int, ...]) -> Tensor:
-    leaf = probability.flip(dims).requires_grad_()
-    return torch.autograd.grad(function(leaf).sum(), leaf)[0].flip(dims)
+def turned(function: Callable[[Tensor], Tensor], probability: Tensor, dims: tuple[int, ...] | str) -> Tensor:
+    def turn(x: Tensor) -> Tensor:
+        return x.mT if isinstance(dims, str) else x.flip(dims)
+
+    leaf = turn(probability).clone().requires_grad_()
+    return turn(torch.autograd.grad(function(leaf).sum(), leaf)[0])
 
 
-@pytest.mark.parametrize("dims", [(2,), (3,), (2, 3)])
-def test_gradients_flip_with_the_mask(path: str, dims: tuple[int, ...]) -> None:
+@pytest.mark.parametrize("dims", [(2,), (3,), (2, 3), "swap"])
+def test_gradients_turn_with_the_mask(path: str, dims: tuple[int, ...] | str) -> None:
     """On shapes that are nearly symmetric, where most neighbours tie; a blurred one too."""
     body = shapes.with_appendages((13, 13), [shapes.Appendage("right", 5, 4), shapes.Appendage("top", 3, 2)], margin=2)
     blurred = torch.nn.functional.avg_pool2d(body.double()[None, None], 3, 1, 1)
@@ -207,6 +210,13 @@ def test_the_same_bits_every_time_and_the_same_value_in_every_batch(path: str) -
         return torch.autograd.grad(soft_complexity(leaf).sum(), leaf)[0]
 
     assert torch.equal(gradient(probability), gradient(probability))
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(1 if before > 1 else 3)
+        other = gradient(probability)
+    finally:
+        torch.set_num_threads(before)
+    assert torch.equal(other, gradient(probability))
     torch.testing.assert_close(gradient(probability[1:3]), gradient(probability)[1:3], rtol=1e-4, atol=1e-6)
 
 
@@ -234,6 +244,19 @@ def test_dtypes_stay(dtype: torch.dtype) -> None:
     assert mask.grad.dtype == dtype
     assert soft_linf_field(mask).dtype == soft_chessboard_distance(mask).dtype == dtype
     assert value[0] == soft_complexity(mask.detach().double()).to(dtype)[0]
+
+
+def test_under_autocast() -> None:
+    layer = torch.nn.Conv2d(1, 1, 3, padding=1)
+    torch.nn.init.dirac_(layer.weight)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        logits = layer(8 * binary(2, 1, 9, 8).float() - 4)
+        assert logits.dtype == torch.bfloat16
+        value = soft_complexity(torch.sigmoid(logits))
+    value.sum().backward()
+    assert layer.weight.grad is not None
+    assert layer.weight.grad.isfinite().all()
+    assert layer.weight.grad.any()
 
 
 def test_memory_of_the_distance_does_not_grow_with_the_radius(path: str, monkeypatch: pytest.MonkeyPatch) -> None:

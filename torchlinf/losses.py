@@ -57,7 +57,8 @@ class ShapeComplexityLoss(nn.Module):
         - target: like input, optional. The loss needs no target. If one is given, shapes that are empty in it (classes
           that are not in the image) are left out: they count neither in the loss nor in the mean.
         - mask: broadcastable to input, bool, optional; where it is False no gradient goes. The shape's geometry is
-          still that of the whole prediction.
+          still that of the whole prediction. For labels (B, *spatial) with an `ignore_index` pass
+          `(labels != ignore_index)[:, None]`.
         - output: a number, or (B, C) for reduction "none", with zeros for shapes left out.
 
     An empty shape is not a simple shape: it costs 10 bits, which the complexity of no shape exceeds, and no move that
