@@ -19,6 +19,7 @@ def test_every_question_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().out
     assert "`labels.complexity_table`, 9 objects" in printed
     assert "| a copy of half the side |" in printed
+    assert "| with the open frame |" in printed
     command.main(["--toy", "--only", "labels"])
     assert "loader" not in capsys.readouterr().out
 

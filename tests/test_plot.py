@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 
 import torchlinf
 from torchlinf import plot, shapes
+from torchlinf.regions import decision_plane, decision_region_complexity
 
 Draw: TypeAlias = Callable[[Any], Any]
 
@@ -119,6 +120,30 @@ def test_nothing_overlaps_or_leaves_the_page(draw: Draw, count: int) -> None:
         assert not any(box.padded(-1).overlaps(other) for other in boxes[:i])
 
 
+def test_decision_regions_lie_where_the_classes_are() -> None:
+    found = decision_region_complexity(lambda p: (p[:, 0] > 1) * 2, [(0, 3), (-1, 1)], (7, 5), classes=[0, 1, 2])
+    ax = plot.decision_regions(found)
+    image = ax.images[0]
+    assert image.get_extent() == pytest.approx((-0.25, 3.25, -1.25, 1.25))
+    assert image.origin == "lower"
+    colours = image.get_array()
+    assert colours.shape == (5, 7, 3)  # the first feature runs to the right
+    assert len(np.unique(colours[:, :3].reshape(-1, 3), axis=0)) == 1
+    assert (colours[0, 2] != colours[0, 3]).any()
+    assert (labels(ax), ax.get_title()) == (("feature 0", "feature 1"), "0.00 bits")
+    assert [text.get_text() for text in ax.get_legend().texts] == ["0: 0.00 bits", "2: 0.00 bits"]
+
+
+def test_decision_planes_show_their_points() -> None:
+    found = decision_plane(lambda p: p[:, :3], torch.eye(3, 5, dtype=torch.float64) * 2, 12)
+    ax = plot.decision_regions(found)
+    np.testing.assert_allclose(np.transpose(ax.lines[0].get_data()), found.plane.corners)
+    assert labels(ax)[0] == "along the longest side"
+    line = decision_region_complexity(lambda p: p[:, 0] > 1, [(0, 3)], 7)
+    with pytest.raises(ValueError, match="two axes; got 1"):
+        plot.decision_regions(line)
+
+
 @pytest.mark.parametrize("draw", [plot.profile, plot.levels, lambda mask: plot.shapes({"a": mask})])
 def test_bad_input_is_refused_before_a_figure_is_opened(draw: Draw) -> None:
     for mask, error, words in [
@@ -146,3 +171,5 @@ def test_without_matplotlib_it_says_what_to_install(monkeypatch: pytest.MonkeyPa
     for draw in (plot.profile, plot.levels, lambda mask: plot.shapes({"a": mask})):
         with pytest.raises(ImportError, match=r"pip install 'torchlinf\[plot\]'"):
             draw(DISC)
+    with pytest.raises(ImportError, match=r"pip install 'torchlinf\[plot\]'"):
+        plot.decision_regions(decision_region_complexity(lambda p: p[:, 0] > 1, [(0, 3), (0, 2)], 7))

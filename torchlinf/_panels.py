@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
+    from torchlinf.regions import DecisionRegions
+
 # Paul Tol's "muted" colours, which people of any colour vision tell apart, in an order that puts unlike ones side by
 # side, and a grey. From the eleventh shape on they come again, with another line style.
 COLOURS = (
@@ -121,6 +123,31 @@ def draw_levels(ax: "Axes", values: NDArray[np.float64], color: str) -> None:
     extent = (-1.5, columns[-1] + 0.5, rows[-1] + 0.5, -1.5)
     ax.imshow(framed > 0, cmap=ListedColormap(np.array([np.ones(3), pale])), extent=extent, interpolation="nearest")
     ax.contour(columns, rows, framed, levels=LINES, colors="#222222", linewidths=0.6)
+
+
+def draw_regions(ax: "Axes", regions: "DecisionRegions") -> "Axes":
+    """Fill each region with a pale tint of its class's colour; name the classes with their complexities."""
+    from matplotlib.colors import to_hex, to_rgb
+    from matplotlib.patches import Patch
+
+    horizontal, vertical = ((float(axis[0]), float(axis[-1]), float(axis[1] - axis[0]) / 2) for axis in regions.axes)
+    # Points are the centres of their pixels.
+    extent = tuple(edge for low, high, half in (horizontal, vertical) for edge in (low - half, high + half))
+    image = np.ones((*regions.masks.shape[1:], 3))
+    named = []
+    for i, (name, mask, value) in enumerate(zip(regions.classes, regions.masks, regions.mean(), strict=True)):
+        pale = 0.6 + 0.4 * np.array(to_rgb(COLOURS[i % len(COLOURS)]))
+        image[mask.numpy()] = pale
+        if mask.any():
+            named.append(Patch(color=to_hex(pale), label=f"{name}: {float(value):.2f} bits"))
+    ax.imshow(image.swapaxes(0, 1), extent=cast("tuple[float, float, float, float]", extent), origin="lower")
+    words = ["feature 0", "feature 1"]
+    if regions.plane is not None:
+        words = ["along the longest side", "towards the third point"]
+        ax.plot(*regions.plane.corners.numpy().T, "o", color="#222222", markersize=4)
+    ax.set(xlabel=words[0], ylabel=words[1], title=f"{float(regions.overall()):.2f} bits")
+    ax.legend(handles=named, fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False)
+    return ax
 
 
 def draw_legend(ax: "Axes", reverse: bool = False) -> None:

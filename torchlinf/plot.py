@@ -14,6 +14,7 @@ from torchlinf._panels import (
     draw_legend,
     draw_levels,
     draw_profile,
+    draw_regions,
     looks,
     page,
     shorten,
@@ -25,6 +26,8 @@ from torchlinf._panels import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from torchlinf.regions import DecisionRegions
 
 
 def profile(
@@ -168,3 +171,34 @@ def overview(masks: Mapping[str, Tensor]) -> "Figure":
         draw_profile(ax_profiles, solved[name], shorten(name), look)
     draw_legend(ax_profiles)
     return figure
+
+
+def decision_regions(regions: "DecisionRegions", *, ax: "Axes | None" = None) -> "Axes":
+    """Draw the decision regions of two features, or of a plane with its three points, and their complexity.
+
+    Args:
+        regions: what `torchlinf.regions.decision_region_complexity` or `decision_plane` gives, on a grid of two axes.
+        ax: where to draw; None makes a new figure. The colour of the i-th class is the i-th of `COLOURS`, paler, so
+            that the data can be drawn on top: `ax.scatter(*X[y == i].T, color=plot.COLOURS[i])`.
+
+    Returns:
+        The axes, in the coordinates of the grid, the overall complexity as title; the legend has that of each class
+        that is on the grid. Where classes overlap the last is seen; where there is none it is white.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        ValueError: the grid has not two axes.
+
+    Example:
+        >>> from torchlinf import plot
+        >>> from torchlinf.regions import decision_region_complexity
+        >>> regions = decision_region_complexity(lambda points: points[:, 0] > 0, [(-1, 1), (-1, 1)], 16)
+        >>> plot.decision_regions(regions).get_title()
+        '0.00 bits'
+    """
+    if len(regions.axes) != 2:
+        raise ValueError(
+            f"regions must be on a grid of two axes; got {len(regions.axes)}. Pass bounds of two features, or use "
+            "decision_plane."
+        )
+    return draw_regions(axes_or_new(ax), regions)

@@ -4,22 +4,24 @@ import argparse
 
 import torch
 
-from benchmarks.pipeline import labels, loader
+from benchmarks.pipeline import labels, loader, regions
 from benchmarks.timing import Ratio
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Print one table a question."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.pipeline", description=__doc__)
-    parser.add_argument("--only", choices=("labels", "loader"), help="one question")
+    parser.add_argument("--only", choices=("labels", "loader", "regions"), help="one question")
     parser.add_argument("--threads", type=int, default=1, help="torch's threads, for the label map")
     parser.add_argument("--toy", action="store_true", help="sizes that say nothing, for tests")
     options = parser.parse_args(arguments)
     torch.set_num_threads(options.threads)
-    if options.only != "loader":
+    if options.only in (None, "labels"):
         print(_labels(labels.run(128, 9, 1) if options.toy else labels.run()), flush=True)
-    if options.only != "labels":
+    if options.only in (None, "loader"):
         print(_loader(loader.run(4, 48, 1, 1) if options.toy else loader.run()), flush=True)
+    if options.only in (None, "regions"):
+        print(_regions(regions.run(24, 1, (8,)) if options.toy else regions.run()), flush=True)
 
 
 def _labels(answer: labels.Answer) -> str:
@@ -38,6 +40,15 @@ def _loader(answers: list[loader.Answer]) -> str:
         for answer in answers
     ]
     head = "| scored | ms a sample, one process | an epoch with two workers, times as long | rank correlation |"
+    return "\n".join([head, "|---|---|---|---|", *rows, ""])
+
+
+def _regions(answers: list[regions.Answer]) -> str:
+    rows = [
+        f"| {answer.width} | {answer.milliseconds:.0f} | {_times(answer.background)} | {_times(answer.opened)} |"
+        for answer in answers
+    ]
+    head = "| units a layer | ms, the network on the grid | complexity, times as long | with the open frame |"
     return "\n".join([head, "|---|---|---|---|", *rows, ""])
 
 
