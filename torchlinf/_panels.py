@@ -127,7 +127,7 @@ def draw_levels(ax: "Axes", values: NDArray[np.float64], color: str) -> None:
 
 def draw_regions(ax: "Axes", regions: "DecisionRegions") -> "Axes":
     """Fill each region with a pale tint of its class's colour; name the classes with their complexities."""
-    from matplotlib.colors import to_hex, to_rgb
+    from matplotlib.colors import to_rgb
     from matplotlib.patches import Patch
 
     horizontal, vertical = ((float(axis[0]), float(axis[-1]), float(axis[1] - axis[0]) / 2) for axis in regions.axes)
@@ -136,10 +136,10 @@ def draw_regions(ax: "Axes", regions: "DecisionRegions") -> "Axes":
     image = np.ones((*regions.masks.shape[1:], 3))
     named = []
     for i, (name, mask, value) in enumerate(zip(regions.classes, regions.masks, regions.mean(), strict=True)):
-        pale = 0.6 + 0.4 * np.array(to_rgb(COLOURS[i % len(COLOURS)]))
-        image[mask.numpy()] = pale
+        red, green, blue = (0.6 + 0.4 * part for part in to_rgb(COLOURS[i % len(COLOURS)]))
+        image[mask.numpy()] = red, green, blue
         if mask.any():
-            named.append(Patch(color=to_hex(pale), label=f"{name}: {float(value):.2f} bits"))
+            named.append(Patch(color=(red, green, blue), label=f"{name}: {float(value):.2f} bits"))
     ax.imshow(image.swapaxes(0, 1), extent=cast("tuple[float, float, float, float]", extent), origin="lower")
     words = ["feature 0", "feature 1"]
     if regions.plane is not None:

@@ -1,6 +1,7 @@
 """What does the complexity of decision regions cost, beside asking the classifier on the same grid?"""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from sklearn.datasets import make_moons
@@ -52,7 +53,7 @@ def trained(width: int, points: Tensor, classes: Tensor) -> nn.Sequential:
     """A network after 300 steps."""
     torch.manual_seed(0)
     sizes = (2, width, width, width)
-    layers = [part for pair in zip(sizes, sizes[1:], strict=False) for part in (nn.Linear(*pair), nn.ReLU())]
+    layers = [part for pair in pairwise(sizes) for part in (nn.Linear(*pair), nn.ReLU())]
     model = nn.Sequential(*layers, nn.Linear(width, 2))
     optimiser = torch.optim.Adam(model.parameters(), lr=3e-3)
     for _ in range(300):
