@@ -13,11 +13,16 @@ import torch
 import torchlinf
 import torchlinf.labels
 import torchlinf.metrics
+import torchlinf.regions
 import torchlinf.transforms
 from torchlinf import shapes
 
 SOLVE = "rho=None, tol=1e-09"
 PROFILE = f"bins=1024, estimator='entropy', {SOLVE}, method='auto', spatial_ndim=None, dtype=None"
+
+ASKED = (
+    "response_method='auto', threshold=None, classes=None, chunk_size=None, bins=1024, estimator='entropy', tol=1e-09"
+)
 
 
 def parameters(function: Callable[..., object]) -> str:
@@ -105,6 +110,24 @@ def test_the_version_has_three_numbers() -> None:
             torchlinf.transforms.ComplexitySampler,
             "(scores, *, between=None, share=1.0, weight=None, num_samples=None, seed=0, num_replicas=1, rank=0)",
         ),
+        (
+            torchlinf.regions.decision_region_complexity,
+            f"(classifier, bounds, resolution=128, *, frame='background', {ASKED})",
+        ),
+        (
+            torchlinf.regions.decision_plane,
+            f"(classifier, points, resolution=128, *, margin=0.25, frame='background', {ASKED})",
+        ),
+        (
+            torchlinf.regions.decision_plane_complexity,
+            "(classifier, X, num_planes=32, resolution=64, *, low=0.0, high=1.0, margin=0.25, seed=0, "
+            f"frame='background', {ASKED})",
+        ),
+        (
+            torchlinf.regions.DecisionRegionLoss,
+            "(bounds=None, resolution=64, *, low=0.0, high=1.0, weight=1.0, keep_area=True, max_moves=16, margin=0.25)",
+        ),
+        (torchlinf.regions.bounds_around, "(X, *, eps=1.0)"),
         (
             torchlinf.labels.complexity_table,
             "(label_map, *, windows=None, properties=(), intensity_image=None, spacing=None, bins=1024, "
