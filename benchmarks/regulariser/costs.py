@@ -107,15 +107,13 @@ def main() -> None:
     with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as pool:
         for name, copies in zip(MEMORY, pool.map(peak, MEMORY), strict=True):
             print(f"| {name} | {copies:.0f} |", flush=True)
-    threads = torch.get_num_threads()
-    print(f"\n| step on 16 x 1 x 128 x 128 | processor s | least clock s, {threads} threads |\n|---|---|---|")
-    for moves in (16, 8):
-        processor, clock = step(moves, rounds)
-        print(f"| {moves} moves | {processor:.2f} | {clock:.2f} |", flush=True)
-    torch.set_num_threads(1)
-    print(
-        "\n| field, 16 shapes, one thread | side | forward s | backward s | backward / forward |\n|---|---|---|---|---|"
-    )
+    print("\n| step on 16 x 1 x 128 x 128 | threads | processor s | least clock s |\n|---|---|---|---|")
+    for threads in (torch.get_num_threads(), 1):
+        torch.set_num_threads(threads)
+        for moves in (16, 8):
+            processor, clock = step(moves, rounds)
+            print(f"| {moves} moves | {threads} | {processor:.2f} | {clock:.2f} |", flush=True)
+    print("\n| 16 fields, one thread | side | forward s | backward s | backward / forward |\n|---|---|---|---|---|")
     for side in (64, 128, 256):
         for name, function, leaf in fields(side):
             forward, backward, quotient = ratio(function, leaf, rounds)
