@@ -40,8 +40,8 @@ for i in np.argsort(table["complexity"])[[0, 1, 2, -3, -2, -1]]:
 
 # %%
 # Every object in the colour of its number. Of digital discs the larger ones have the higher complexity, since there are
-# more levels to depart from a square on; so the three numbers printed are two of the largest coins, and a small one that
-# is nicked. What touches the frame is flagged in the table, and hatched here: part of
+# more levels to depart from a square on; so the three numbers printed are two of the largest coins, and a small one
+# that is nicked. What touches the frame is flagged in the table, and hatched here: part of
 # it may be cut off, and a straight cut makes a shape simpler or more complex than it is.
 
 

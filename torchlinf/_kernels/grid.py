@@ -35,13 +35,17 @@ class Grid:
 def make_grid(padded: np.ndarray) -> Grid:
     """The grid of a padded mask."""
     strides = row_strides(padded.shape)
-    rows = [0]
-    for stride in strides[:-1]:
-        rows = [row + step * stride for row in rows for step in (-1, 0, 1)]
-    block = np.array(sorted(row + step for row in rows for step in (-1, 0, 1)))
-    rows = sorted(rows) if len(rows) > 1 else rows * 3
+    rows = block_offsets(strides[:-1]) if padded.ndim > 1 else np.zeros(3, np.int64)
     starts, ends, pixels = find_runs(padded.reshape(-1))
-    return Grid(padded.shape, np.array(strides), starts, ends, block, np.array(rows), pixels)
+    return Grid(padded.shape, np.array(strides), starts, ends, block_offsets(strides), rows, pixels)
+
+
+def block_offsets(strides: list[int]) -> np.ndarray:
+    """Flat offsets of the 3^n block along axes of these strides, ascending."""
+    offsets = np.zeros(1, np.int64)
+    for stride in strides:
+        offsets = (offsets[:, None] + np.array([-stride, 0, stride])).reshape(-1)
+    return np.sort(offsets)
 
 
 def row_strides(shape: tuple[int, ...]) -> list[int]:

@@ -49,26 +49,18 @@ def sweep(v, starts, ends, rows, screening, num_sweeps, buffer):  # type: ignore
 
 
 @kernel
-def residual_bounds(v, starts, ends, rows, screening, buffer):  # type: ignore[no-untyped-def]
-    """Largest positive and negative part of R(v) = (M v - v) - (v - N v) + (1 - s v) on the shape.
+def row_residuals(v, start, length, rows, screening, buffer):  # type: ignore[no-untyped-def]
+    """R(v) = (M v - v) - (v - N v) + (1 - s v) on one run, into buffer[2].
 
     In this order the two differences are exact in floating point, so R is known to a few ulps of 1, not of v.
     """
-    above = 0.0
-    below = 0.0
-    high, low = buffer[0], buffer[1]
-    for run in range(starts.size):
-        start = starts[run]
-        length = ends[run] - start
-        _row_extrema(v, rows, start - 1, length + 2, high, low)
-        values = v[start : start + length]
-        for j in range(length):
-            most = max(max(high[j], high[j + 1]), high[j + 2])
-            least = min(min(low[j], low[j + 1]), low[j + 2])
-            r = ((most - values[j]) - (values[j] - least)) + (1.0 - screening * values[j])
-            above = max(above, r)
-            below = max(below, -r)
-    return above, below
+    high, low, residual = buffer[0], buffer[1], buffer[2]
+    _row_extrema(v, rows, start - 1, length + 2, high, low)
+    values = v[start : start + length]
+    for j in range(length):
+        most = max(max(high[j], high[j + 1]), high[j + 2])
+        least = min(min(low[j], low[j + 1]), low[j + 2])
+        residual[j] = ((most - values[j]) - (values[j] - least)) + (1.0 - screening * values[j])
 
 
 @kernel

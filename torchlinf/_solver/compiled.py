@@ -11,12 +11,16 @@ import numpy as np
 import torch
 
 from torchlinf._kernels import chains, distance, grid, levels, sweeps
+from torchlinf._kernels.activity import Activity
 from torchlinf._parallel import for_each
 from torchlinf._solver.problem import RESOLUTION, Problem, Solved
 from torchlinf._solver.status import Status
 
 SWEEPS = 40  # a sweep costs 3^(n-1) rows, a solve the same in all dimensions: so many sweeps by n between two solves,
 # or D / 8 if that is more; doubled where progress stalls, since sweeps alone converge
+BURST = 5  # sweeps after which it is decided anew where to sweep
+SETTLED = 1e-3  # share of the largest residual below which a tile rests
+WORK = 10  # sweeps of the whole shape whose cost is always spent between two solves: a solve costs several times that
 PATIENCE = 3  # rounds without half the residual after which progress counts as stalled
 COARSEST = 8  # radius up to which no coarser grid is worth its while
 COARSE_TOL = 0.01  # residual beyond which a coarse field would be no better a start
@@ -92,6 +96,7 @@ class Field:
         self.limit = 20_000 + 200 * shape.radius if max_sweeps is None else max_sweeps
         self.v = np.zeros(shape.distance.size)
         self.buffer = np.empty((4, shape.grid.shape[-1]))
+        self.activity = Activity(shape.grid)
         self.tol = max(tol, RESOLUTION * np.finfo(np.float64).eps * float(shape.profile[-1]))
         self.stencil = (self.v, shape.grid.starts, shape.grid.ends, shape.grid.rows)
         self.bound = np.inf
@@ -125,8 +130,13 @@ class Field:
 
     def certify(self) -> bool:
         """Bound the error of v; True once it is within the tolerance."""
-        above, below = sweeps.residual_bounds(*self.stencil, self.shape.screening, self.buffer)
-        self.num_sweeps += 1
+        self.activity.select_all()
+        return self.watch()
+
+    def watch(self) -> bool:
+        """The same where v has changed in the selected tiles only."""
+        above, below = self.activity.watch(self.v, self.shape.screening, self.buffer)
+        self.num_sweeps += self.activity.share
         self.bound = max(above, below) if above < 1 else np.inf
         self.residual = max(above, below)
         return bool(self.bound <= self.tol)
@@ -152,10 +162,7 @@ class Field:
         best = np.inf
         while self.sweeps() + 2 <= self.limit:
             self.check()
-            count = min(count, self.limit - self.sweeps() - 1)
-            sweeps.sweep(*self.stencil, self.shape.screening, count, self.buffer)
-            self.num_sweeps += count
-            if self.certify() or self.sweeps() + 1 > self.limit:
+            if self.settle(count) or self.sweeps() + 1 > self.limit:
                 break
             idle = 0 if self.residual <= best / 2 else idle + 1
             best = min(best, self.residual)
@@ -167,3 +174,20 @@ class Field:
             self.num_solves += 1
             if self.certify():
                 break
+
+    def settle(self, count: int) -> bool:
+        """Sweep `count` times, or more where that is cheap, but only where v still changes; True once certified."""
+        done, before = 0, self.num_sweeps
+        while (done < count or self.num_sweeps - before < WORK) and self.num_sweeps + 3 <= self.limit:
+            self.activity.select(SETTLED * self.residual)
+            burst = min(BURST, int((self.limit - self.num_sweeps - 2) / self.activity.share))
+            sweeps.sweep(
+                self.v, self.activity.starts, self.activity.ends, self.shape.grid.rows, self.shape.screening, burst,
+                self.buffer,
+            )  # fmt: skip
+            done += burst
+            self.num_sweeps += burst * self.activity.share
+            self.activity.widen()
+            if self.watch():
+                return True
+        return False

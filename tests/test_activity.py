@@ -1,0 +1,93 @@
+"""The selection of tiles and the residual that is kept for each, against the residual of the whole array."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from torchlinf._kernels import activity, grid
+from torchlinf._kernels.activity import Activity
+
+SIDES = {1: (83,), 2: (21, 75), 3: (11, 13, 70), 4: (4, 9, 10, 35)}
+
+
+def random_case(ndim: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """A padded ragged mask, and positive values on it."""
+    rng = np.random.default_rng(seed)
+    noise = ndimage.gaussian_filter(rng.normal(size=SIDES[ndim]), 1.2)
+    mask = np.pad(noise > -0.3 * noise.std(), 1)
+    return mask, np.where(mask, rng.random(mask.shape), 0.0)
+
+
+def residual(mask: np.ndarray, v: np.ndarray, screening: float) -> np.ndarray:
+    """R(v) by scipy's filters."""
+    high, low = ndimage.maximum_filter(v, 3), ndimage.minimum_filter(v, 3)
+    return np.where(mask, high + low - (2 + screening) * v + 1, 0.0)
+
+
+def watch(found: Activity, geometry: grid.Grid, v: np.ndarray) -> tuple[float, float]:
+    return found.watch(v.reshape(-1), 0.01, np.empty((4, geometry.shape[-1])))
+
+
+def selected(found: Activity, size: int) -> np.ndarray:
+    """The selection as flat flags, each pixel at most once."""
+    count = np.zeros(size, int)
+    for start, end in zip(found.starts, found.ends, strict=True):
+        count[start:end] += 1
+    assert count.max(initial=0) <= 1
+    return count.astype(bool)
+
+
+@pytest.mark.parametrize("ndim", [1, 2, 3, 4])
+def test_bounds_are_those_of_the_whole_array(ndim: int) -> None:
+    mask, v = random_case(ndim, seed=ndim)
+    geometry = grid.make_grid(mask)
+    r = residual(mask, v, 0.01)
+    assert watch(Activity(geometry), geometry, v) == pytest.approx((r.max(), -r.min()), rel=1e-12)
+
+
+@pytest.mark.parametrize("ndim", [1, 2, 3, 4])
+def test_looking_again_beside_what_changed_is_looking_everywhere(ndim: int) -> None:
+    """The bounds must fall and rise with the change, so that a stale tile would show."""
+    mask, v = random_case(ndim, seed=10 + ndim)
+    geometry = grid.make_grid(mask)
+    found = Activity(geometry)
+    watch(found, geometry, v)
+    rng = np.random.default_rng(0)
+    for factor in (0.1, 3.0, 0.01):
+        found.select(0.9 * max(watch(found, geometry, v)))
+        inside = selected(found, v.size).reshape(v.shape)
+        v[inside] *= factor * rng.random(int(inside.sum()))
+        found.widen()
+        r = residual(mask, v, 0.01)
+        assert watch(found, geometry, v) == pytest.approx((r.max(), -r.min()), rel=1e-12)
+
+
+@pytest.mark.parametrize("ndim", [1, 2, 3, 4])
+def test_selection_is_the_tiles_above_the_threshold_and_their_neighbours(ndim: int) -> None:
+    mask, v = random_case(ndim, seed=20 + ndim)
+    geometry = grid.make_grid(mask)
+    found = Activity(geometry)
+    watch(found, geometry, v)
+    threshold = 0.95 * np.abs(residual(mask, v, 0.01)).max()
+    tile = np.stack(np.indices(mask.shape)) // np.array(
+        [activity.ROWS] * (ndim - 1) + [activity.COLUMNS]
+    ).reshape(-1, *[1] * ndim)  # fmt: skip
+    above = {tuple(t) for t in tile[:, np.abs(residual(mask, v, 0.01)) > threshold].T.tolist()}
+    beside = np.zeros(mask.shape, bool)
+    for seed in above:
+        beside |= (np.abs(tile - np.array(seed).reshape(-1, *[1] * ndim)) <= 1).all(0)
+    found.select(threshold)
+    chosen = selected(found, v.size).reshape(v.shape)
+    assert np.array_equal(chosen, beside & mask)
+    assert found.share == pytest.approx(chosen.sum() / mask.sum())
+
+
+def test_all_is_the_whole_shape() -> None:
+    mask, _ = random_case(2, seed=3)
+    geometry = grid.make_grid(mask)
+    found = Activity(geometry)
+    found.select(0.0)
+    assert found.share == 0
+    found.select_all()
+    assert np.array_equal(selected(found, mask.size), mask.reshape(-1))
+    assert found.share == 1
