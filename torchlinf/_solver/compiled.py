@@ -1,8 +1,8 @@
 """The compiled CPU method: coarse to fine, a few sweeps, then policies and one exact linear solve, until certified.
 
 Sweeps settle the policies nearby, the solve carries their values across the whole shape. They run only where the
-field still changes. A start from half the resolution has the values right to O(1/D), so that the number of rounds hardly
-grows with D.
+field still changes. A start from half the resolution has the values right to O(1/D), so that the number of rounds
+hardly grows with D.
 """
 
 from collections.abc import Callable
