@@ -153,11 +153,12 @@ def _measure(v, starts, ends, tiles, columns, rows, screening, buffer, residual)
         first = 0
         stop = min(length, COLUMNS - columns[run])
         while first < length:
+            piece = buffer[2, first:stop]
             above = residual[0, tile]
             below = residual[1, tile]
-            for r in buffer[2, first:stop]:
-                above = max(above, r)
-                below = max(below, -r)
+            for j in range(piece.size):
+                above = max(above, piece[j])
+                below = max(below, -piece[j])
             residual[0, tile] = above
             residual[1, tile] = below
             tile += 1

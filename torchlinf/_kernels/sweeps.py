@@ -64,6 +64,21 @@ def row_residuals(v, start, length, rows, screening, buffer):  # type: ignore[no
 
 
 @kernel
+def residual_bounds(v, starts, ends, rows, screening, buffer):  # type: ignore[no-untyped-def]
+    """Largest positive and negative part of R(v) on the shape."""
+    above = 0.0
+    below = 0.0
+    residual = buffer[2]
+    for run in range(starts.size):
+        length = ends[run] - starts[run]
+        row_residuals(v, starts[run], length, rows, screening, buffer)
+        for j in range(length):
+            above = max(above, residual[j])
+            below = max(below, -residual[j])
+    return above, below
+
+
+@kernel
 def choose_policies(v, starts, ends, rows, tie, up, down, buffer):  # type: ignore[no-untyped-def]
     """The neighbours that hold the block max (up) and min (down) of every pixel.
 

@@ -19,6 +19,7 @@ from torchlinf._solver.status import Status
 
 SWEEPS = 40  # a sweep costs 3^(n-1) rows, a solve the same in all dimensions: so many sweeps by n between two solves,
 # or D / 8 if that is more; doubled where progress stalls, since sweeps alone converge
+LARGE = 60_000  # pixels from which on it pays to find out where sweeps are needed
 BURST = 5  # sweeps after which it is decided anew where to sweep
 SETTLED = 1e-3  # share of the largest residual below which a tile rests
 WORK = 10  # sweeps of the whole shape whose cost is always spent between two solves: a solve costs several times that
@@ -97,7 +98,7 @@ class Field:
         self.limit = 20_000 + 200 * shape.radius if max_sweeps is None else max_sweeps
         self.v = np.zeros(shape.distance.size)
         self.buffer = np.empty((4, shape.grid.shape[-1]))
-        self.activity = Activity(shape.grid)
+        self.activity = Activity(shape.grid) if shape.grid.pixels >= LARGE else None
         self.tol = max(tol, RESOLUTION * np.finfo(np.float64).eps * float(shape.profile[-1]))
         self.stencil = (self.v, shape.grid.starts, shape.grid.ends, shape.grid.rows)
         self.bound = np.inf
@@ -131,13 +132,19 @@ class Field:
 
     def certify(self) -> bool:
         """Bound the error of v; True once it is within the tolerance."""
-        self.activity.select_all()
-        return self.watch()
+        if self.activity is not None:
+            self.activity.select_all()
+            return self.watch(self.activity)
+        self.num_sweeps += 1
+        return self.judge(*sweeps.residual_bounds(*self.stencil, self.shape.screening, self.buffer))
 
-    def watch(self) -> bool:
+    def watch(self, activity: Activity) -> bool:
         """The same where v has changed in the selected tiles only."""
-        above, below = self.activity.watch(self.v, self.shape.screening, self.buffer)
-        self.num_sweeps += self.activity.share
+        self.num_sweeps += activity.share
+        return self.judge(*activity.watch(self.v, self.shape.screening, self.buffer))
+
+    def judge(self, above: float, below: float) -> bool:
+        """The bound from the largest positive and negative part of the residual."""
         self.bound = max(above, below) if above < 1 else np.inf
         self.residual = max(above, below)
         return bool(self.bound <= self.tol)
@@ -163,6 +170,7 @@ class Field:
         best = np.inf
         while self.sweeps() + 2 <= self.limit:
             self.check()
+            count = min(count, self.limit - self.sweeps() - 1)
             if self.settle(count) or self.sweeps() + 1 > self.limit:
                 break
             idle = 0 if self.residual <= best / 2 else idle + 1
@@ -177,18 +185,20 @@ class Field:
                 break
 
     def settle(self, count: int) -> bool:
-        """Sweep `count` times, or more where that is cheap, but only where v still changes; True once certified."""
+        """Sweep `count` times, on large shapes only where v changes, and oftener if cheap; True once certified."""
+        activity, (v, *whole, rows) = self.activity, self.stencil
+        if activity is None:
+            sweeps.sweep(v, *whole, rows, self.shape.screening, count, self.buffer)
+            self.num_sweeps += count
+            return self.certify()
         done, before = 0, self.num_sweeps
         while (done < count or self.num_sweeps - before < WORK) and self.num_sweeps + 3 <= self.limit:
-            self.activity.select(SETTLED * self.residual)
-            burst = min(BURST, int((self.limit - self.num_sweeps - 2) / self.activity.share))
-            sweeps.sweep(
-                self.v, self.activity.starts, self.activity.ends, self.shape.grid.rows, self.shape.screening, burst,
-                self.buffer,
-            )  # fmt: skip
+            activity.select(SETTLED * self.residual)
+            burst = min(BURST, int((self.limit - self.num_sweeps - 2) / activity.share))
+            sweeps.sweep(v, activity.starts, activity.ends, rows, self.shape.screening, burst, self.buffer)
             done += burst
-            self.num_sweeps += burst * self.activity.share
-            self.activity.widen()
-            if self.watch():
+            self.num_sweeps += burst * activity.share
+            activity.widen()
+            if self.watch(activity):
                 return True
         return False
