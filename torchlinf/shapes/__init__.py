@@ -1,8 +1,8 @@
 """Shapes of the paper as boolean tensors `(*spatial)`, True inside.
 
 They carry no batch dimensions: pass `spatial_ndim=2` (or 1, 3) beside them, or `torch.stack` several of one size. All
-are deterministic, on the CPU, and hold no more than their bounding box unless a `margin` of outside pixels is asked
-for; the library counts everything beyond the array as outside anyway.
+are deterministic (noise by its generator), on the CPU, and hold no more than their bounding box unless a `margin` of
+outside pixels is asked for; the library counts everything beyond the array as outside anyway.
 """
 
 from torchlinf.shapes.appendages import FACES, Appendage, cube_with_appendages, with_appendages
@@ -15,10 +15,13 @@ from torchlinf.shapes.families import (
     nested_appendages,
     zero_complexity,
 )
+from torchlinf.shapes.floor_plans import floor_plan, rooms
+from torchlinf.shapes.noise import add_noise
 
 __all__ = [
     "FACES",
     "Appendage",
+    "add_noise",
     "appendage_dictionary",
     "appendage_places",
     "band",
@@ -27,8 +30,10 @@ __all__ = [
     "cube_with_appendages",
     "diagonal_pair",
     "disc",
+    "floor_plan",
     "nested_appendages",
     "rectangle",
+    "rooms",
     "square",
     "superellipse",
     "with_appendages",

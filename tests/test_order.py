@@ -1,0 +1,123 @@
+"""Partial orders of shapes against definitions that try everything."""
+
+from collections.abc import Sequence
+from itertools import combinations, permutations
+
+import networkx as nx
+import numpy as np
+import pytest
+import torch
+
+from torchlinf import ComplexityProfile, complexity_profile, shapes
+from torchlinf.order import chains, dominance, hasse_diagram, incomparable_pairs, largest_antichain, longest_chain
+
+
+def profile(mask: torch.Tensor) -> ComplexityProfile:
+    return complexity_profile(mask, spatial_ndim=2)
+
+
+@pytest.fixture(scope="module")
+def profiles() -> dict[str, ComplexityProfile]:
+    """Shapes that share values, and shapes that contradict each other between scales."""
+    faces = [shapes.Appendage(face, 8, 8) for face in ("right", "top", "left")]
+    masks = {
+        "square": shapes.square(32),
+        "box": shapes.box(20, 50),
+        "disc": shapes.disc(20),
+        "small disc": shapes.disc(9),
+        "turned disc": shapes.disc(20).flip(0),
+        "one": shapes.with_appendages((32, 32), faces[:1]),
+        "two": shapes.with_appendages((32, 32), faces[:2]),
+        "three": shapes.with_appendages((32, 32), faces),
+    }
+    return {name: profile(mask) for name, mask in masks.items()}
+
+
+def random_order(seed: int, size: int = 7) -> nx.DiGraph:
+    """The order of random points in the plane, which has chains and antichains of all lengths."""
+    points = np.random.default_rng(seed).random((size, 2))
+    graph = nx.DiGraph()
+    graph.add_nodes_from(range(size))
+    graph.add_edges_from((a, b) for a, b in permutations(range(size), 2) if (points[a] < points[b]).all())
+    return graph
+
+
+@pytest.mark.parametrize("windows", [((0.0, 0.25), (0.0, 1.0)), ((0.0, 0.5),), None])
+def test_dominance_is_the_definition(profiles: dict[str, ComplexityProfile], windows) -> None:  # type: ignore[no-untyped-def]
+    """Pair by pair, with values that differ by less than 1e-7 taken as equal: nothing here differs by so little."""
+    scales = torch.arange(1, 4001, dtype=torch.float64) / 4000
+
+    def indicators(name: str) -> np.ndarray:
+        found = profiles[name]
+        if windows is not None:
+            return np.array([float(found.mean(low, high)) for low, high in windows])
+        levels = found.level_values.numpy()
+        return levels[np.ceil(scales.numpy() * len(levels) - 1e-9).astype(int) - 1]
+
+    graph = dominance(profiles, windows=windows)
+    node = {name: names for names in graph for name in names}
+    assert sorted(node) == sorted(profiles)
+    for a, b in permutations(profiles, 2):
+        apart = indicators(a) - indicators(b)
+        same = bool((np.abs(apart) < 1e-7).all())
+        assert (node[a] == node[b]) == same
+        assert graph.has_edge(node[a], node[b]) == (not same and bool((apart < 1e-7).all()))
+
+
+def test_windows_and_all_scales_differ_and_shapes_contradict(profiles: dict[str, ComplexityProfile]) -> None:
+    graph = dominance(profiles)
+    assert ("square", "box") in graph
+    assert ("disc", "turned disc") in graph
+    assert longest_chain(graph)[0] == ("square", "box")
+    assert incomparable_pairs(dominance(profiles, windows=None))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_chains_and_antichains_are_largest_and_fewest(seed: int) -> None:
+    graph = random_order(seed)
+
+    def is_antichain(nodes: tuple[int, ...]) -> bool:
+        return not any(graph.has_edge(a, b) or graph.has_edge(b, a) for a, b in combinations(nodes, 2))
+
+    def is_chain(nodes: Sequence[int]) -> bool:
+        return all(graph.has_edge(a, b) for a, b in combinations(nodes, 2))
+
+    subsets = [nodes for size in range(1, 8) for nodes in combinations(graph, size)]
+    antichain = largest_antichain(graph)
+    assert is_antichain(tuple(antichain))
+    assert len(antichain) == max(len(nodes) for nodes in subsets if is_antichain(nodes))
+    longest = longest_chain(graph)
+    assert is_chain(longest)
+    assert len(longest) == max(len(nodes) for nodes in subsets if any(map(is_chain, permutations(nodes))))
+    found = chains(graph)
+    assert sorted(node for chain in found for node in chain) == list(range(7))
+    assert all(is_chain(chain) for chain in found)
+    assert len(found) == len(antichain)
+    assert set(incomparable_pairs(graph)) == {pair for pair in combinations(graph, 2) if is_antichain(pair)}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_hasse_diagram_has_the_steps_and_nothing_that_follows(seed: int) -> None:
+    graph = random_order(seed)
+    steps = hasse_diagram(graph)
+    assert set(nx.transitive_closure(steps).edges) == set(graph.edges)
+    for a, b in steps.edges:
+        assert not any(graph.has_edge(a, c) and graph.has_edge(c, b) for c in graph)
+
+
+def test_attributes_are_kept(profiles: dict[str, ComplexityProfile]) -> None:
+    steps = hasse_diagram(dominance(profiles))
+    assert steps.nodes["square", "box"]["indicators"] == (0.0, 0.0)
+
+
+def test_bad_input_says_what_to_do(profiles: dict[str, ComplexityProfile]) -> None:
+    with pytest.raises(TypeError, match="must hold a ComplexityProfile for each name; got float"):
+        dominance({"square": 1.0})  # type: ignore[dict-item]
+    with pytest.raises(ValueError, match="must be of one shape each; got 2"):
+        dominance({"both": profile(torch.ones(2, 5, 5))})
+    with pytest.raises(ValueError, match="'none' is empty"):
+        dominance({"none": profile(torch.zeros(4, 4))})
+    with pytest.raises(ValueError, match="at least one"):
+        dominance(profiles, windows=())
+    with pytest.raises(ValueError, match="low"):
+        dominance(profiles, windows=((0.5, 0.25),))
