@@ -42,10 +42,10 @@ def make_grid(padded: np.ndarray) -> Grid:
 
 def block_offsets(strides: list[int]) -> np.ndarray:
     """Flat offsets of the 3^n block along axes of these strides, ascending."""
-    offsets = np.zeros(1, np.int64)
+    offsets = [0]  # a list: a shape in a label map is solved in the time of a few dozen calls of numpy
     for stride in strides:
-        offsets = (offsets[:, None] + np.array([-stride, 0, stride])).reshape(-1)
-    return np.sort(offsets)
+        offsets = [offset + step * stride for offset in offsets for step in (-1, 0, 1)]
+    return np.array(sorted(offsets))
 
 
 def row_strides(shape: tuple[int, ...]) -> list[int]:
