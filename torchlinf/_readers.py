@@ -8,11 +8,13 @@ import zipfile
 from dataclasses import dataclass
 from importlib import import_module
 from math import prod
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from torchlinf._spans import Span, open_span
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -44,13 +46,14 @@ class Values:
     labels: bool = False
 
 
-def read_values(path: Path, member: str | None, max_pixels: int) -> Values:
+def read_values(path: Path, member: str | None, max_pixels: int, place: Span | None = None) -> Values:
     """Read an image, an .npy array or a member of an .npz archive.
 
     Args:
         path: the file.
-        member: which array of an .npz archive, by name; None if it holds one only.
+        member: which array of an .npz archive, by name; None if it holds one only. With `place`, the name of the part.
         max_pixels: what holds more numbers than this is refused.
+        place: where in the file the image or array is, if it is a part of it.
 
     Returns:
         The numbers, 2-D or 3-D; leading axes of length 1 are dropped.
@@ -60,8 +63,24 @@ def read_values(path: Path, member: str | None, max_pixels: int) -> Values:
     """
     try:
         _require_regular(path)
-        is_array = path.suffix.lower() in ARRAY_SUFFIXES
-        values = Values(_read_array(path, member, max_pixels)) if is_array else _read_image(path, max_pixels)
+        if place is None:
+            with path.open("rb") as file:
+                return parse_values(file, path.suffix, max_pixels, member)
+        with open_span(path, place) as part:
+            return parse_values(part, PurePosixPath(member or "").suffix, max_pixels)
+    except UnreadableMaskError:
+        raise
+    except OSError as error:
+        raise UnreadableMaskError(_in_words(error)) from error
+
+
+def parse_values(file: IO[bytes], suffix: str, max_pixels: int, member: str | None = None) -> Values:
+    """Read an open file, which `suffix` says to be an image, an .npy array or an .npz archive; as `read_values`."""
+    try:
+        is_array = suffix.lower() in ARRAY_SUFFIXES
+        values = (
+            Values(_read_array(file, suffix, member, max_pixels)) if is_array else _read_image(file, suffix, max_pixels)
+        )
         array = values.array
         while array.ndim > 2 and array.shape[0] == 1:
             array = array[0]
@@ -95,19 +114,18 @@ def _require_size(shape: tuple[int, ...], max_pixels: int) -> None:
         raise UnreadableMaskError(f"{sizes} pixels are more than the limit of {max_pixels}; raise it to read the file")
 
 
-def _read_array(path: Path, member: str | None, max_pixels: int) -> NDArray[Any]:
-    if path.suffix.lower() == ".npy":
-        with path.open("rb") as file:
-            return _parse_npy(file, max_pixels)
+def _read_array(file: IO[bytes], suffix: str, member: str | None, max_pixels: int) -> NDArray[Any]:
+    if suffix.lower() == ".npy":
+        return _parse_npy(file, max_pixels)
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(file) as archive:
             names = arrays_in(archive)
             if member is None and len(names) != 1:
                 raise UnreadableMaskError(
                     f"the archive must hold one array, or one must be named; it holds {len(names)}"
                 )
-            with archive.open(f"{member or names[0]}.npy") as file:
-                return _parse_npy(file, max_pixels)
+            with archive.open(f"{member or names[0]}.npy") as array:
+                return _parse_npy(array, max_pixels)
     except zipfile.BadZipFile as error:
         raise UnreadableMaskError(f"not an .npz archive, or a damaged one ({error})") from error
 
@@ -127,17 +145,17 @@ def _parse_npy(file: IO[bytes], max_pixels: int) -> NDArray[Any]:
     return array
 
 
-def _read_image(path: Path, max_pixels: int) -> Values:
+def _read_image(file: IO[bytes], suffix: str, max_pixels: int) -> Values:
     from PIL import Image, UnidentifiedImageError
 
     for name in PILLOW_FORMATS:  # if one is missing, Pillow loads all of the forty others as well
         import_module(f"PIL.{name.title()}ImagePlugin")
     try:
-        with Image.open(path, formats=PILLOW_FORMATS) as image:
+        with Image.open(file, formats=PILLOW_FORMATS) as image:
             return _read_frames(image, max_pixels)
     except UnidentifiedImageError as error:
-        if path.suffix.lower() in (".tif", ".tiff"):
-            return _read_odd_tiff(path, max_pixels)
+        if suffix.lower() in (".tif", ".tiff"):
+            return _read_odd_tiff(file, max_pixels)
         known = ", ".join(suffix[1:] for suffix in SUFFIXES)
         raise UnreadableMaskError(f"not an image in a known format ({known})") from error
 
@@ -174,13 +192,14 @@ def _brightness(image: "Image") -> NDArray[Any]:
     return bright
 
 
-def _read_odd_tiff(path: Path, max_pixels: int) -> Values:
+def _read_odd_tiff(file: IO[bytes], max_pixels: int) -> Values:
     """TIFF with samples that Pillow does not know, such as float64 or 16-bit colours."""
     import tifffile
 
     try:
-        with tifffile.TiffFile(path) as file:
-            series = file.series[0]
+        file.seek(0)
+        with tifffile.TiffFile(file) as tiff:
+            series = tiff.series[0]
             _require_size(series.shape, max_pixels)
             array = series.asarray()
             return Values(array[..., :3].max(axis=-1) if series.axes.endswith("S") else array)

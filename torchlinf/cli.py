@@ -24,7 +24,7 @@ from torchlinf.scoring import (
     UnreadableMaskError,
     find_masks,
     open_table,
-    read_mask,
+    read_source,
     score_masks,
 )
 
@@ -69,6 +69,8 @@ def main() -> None:
     # What is odd about a file is said in its row, if it matters.
     warnings.filterwarnings("ignore", module=r"PIL\.")
     logging.getLogger("tifffile").disabled = True
+    # After a kill, multiprocessing's helper removes what is left of the workers' queues. It need not report that.
+    sys.warnoptions.append("ignore::UserWarning:multiprocessing.resource_tracker")
     try:
         app()
     except SystemExit as stop:
@@ -227,9 +229,7 @@ def _title(source: Source, sources: list[Source]) -> str:
 
 
 def _shape(source: Source, threshold: float | None, invert: bool, max_pixels: int) -> torch.Tensor:
-    if source.error:
-        raise UnreadableMaskError(source.error)
-    inside = read_mask(source.path, member=source.member, threshold=threshold, invert=invert, max_pixels=max_pixels)
+    inside = read_source(source, threshold=threshold, invert=invert, max_pixels=max_pixels)
     if not inside.any():
         raise UnreadableMaskError("no foreground: no pixel is inside")
     return torch.from_numpy(inside)

@@ -1,0 +1,97 @@
+"""Workers: order, killed workers, and that none outlives a killed run."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+
+import pytest
+
+from torchlinf import _workers
+from torchlinf._workers import FEW, in_order
+
+
+def double(task: int) -> float:
+    return 2.0 * task
+
+
+def kill_on_13(task: int) -> float:
+    if task == 13:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 2.0 * task
+
+
+def where(task: int) -> float:
+    return float(os.getpid())
+
+
+def answers(work: Callable[[int], float], count: int, **options: object) -> list[float]:
+    options = {"workers": 2, "seconds": lambda answer: 1e-4, "died": lambda task: -1.0 - task, **options}
+    return list(in_order(work, iter(range(count)), **options))
+
+
+@pytest.mark.parametrize("count", [0, 1, FEW, 3 * FEW])
+@pytest.mark.parametrize("workers", [1, 2])
+def test_answers_come_in_order(count: int, workers: int) -> None:
+    assert answers(double, count, workers=workers) == [2.0 * i for i in range(count)]
+
+
+def test_processes_are_for_many_tasks_or_for_isolation() -> None:
+    here = float(os.getpid())
+    assert set(answers(where, FEW)) == {here}
+    assert set(answers(where, 3 * FEW, workers=1)) == {here}
+    assert here not in answers(where, 3 * FEW)
+    assert here not in answers(where, 3, workers=1, isolated=True)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills as POSIX does")
+def test_a_task_that_ends_its_process_costs_its_own_answer_only() -> None:
+    expected = [2.0 * i for i in range(3 * FEW)]
+    expected[13] = -14.0
+    assert answers(kill_on_13, 3 * FEW) == expected
+    assert answers(kill_on_13, 15, workers=1, isolated=True) == expected[:15]
+
+
+def slow(seconds: float, task: int) -> float:
+    time.sleep(seconds)
+    return float(os.getpid())
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills as POSIX does")
+def test_a_worker_that_is_killed_by_chance_costs_nothing() -> None:
+    found = in_order(
+        partial(slow, 0.01), iter(range(3 * FEW)), workers=2, seconds=lambda answer: 0.01, died=lambda task: -1.0
+    )
+    first = next(found)
+    os.kill(int(first), signal.SIGKILL)
+    rest = list(found)
+    assert len(rest) == 3 * FEW - 1
+    # The task that it worked on at that moment is tried again.
+    assert -1.0 not in rest
+
+
+def test_a_main_script_without_a_guard_is_told_so(tmp_path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from torchlinf._workers import in_order\nlist(in_order(abs, range(300), workers=2, seconds=float, died=abs))\n"
+    )
+    result = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=100, check=False)
+    assert result.returncode == 1
+    assert "RuntimeError: worker processes must be able to import the main script" in result.stderr
+
+
+def test_parts_grow_to_the_time_that_handing_over_is_worth(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes = []
+    submit = _workers._submit
+    monkeypatch.setattr(
+        _workers, "_submit", lambda pool, work, part: sizes.append(len(part)) or submit(pool, work, part)
+    )
+    answers(double, 5 * FEW)
+    assert sizes[0] == 1
+    assert max(sizes) == _workers.LONGEST
+    sizes.clear()
+    answers(double, 3 * FEW, seconds=lambda answer: 1.0)
+    assert max(sizes) == 1

@@ -1,0 +1,174 @@
+"""Many small tasks on several cores, answers in order: threads for a few, processes for many.
+
+Half of the work on a small mask holds Python's lock, so that threads gain little there; but a process takes seconds to
+start. A task that kills its process is found, and costs its own answer only.
+"""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from itertools import chain, islice
+from multiprocessing import connection
+from typing import TypeVar
+
+Task = TypeVar("Task")
+Answer = TypeVar("Answer")
+
+FEW = 100  # tasks that are done before processes have started
+PART = 0.05  # seconds of work that a worker should be handed at a time: handing over costs it 0.2 ms
+LONGEST = 64  # tasks in a part at most
+
+
+def in_order(
+    work: Callable[[Task], Answer],
+    tasks: Iterable[Task],
+    *,
+    workers: int,
+    seconds: Callable[[Answer], float],
+    died: Callable[[Task], Answer],
+    isolated: bool = False,
+) -> Iterator[Answer]:
+    """Answer tasks, in their order, each as soon as it and those before it are done.
+
+    Args:
+        work: gives the answer, and raises nothing but what should end all. It is sent to processes, so it must pickle.
+        tasks: any number; they are taken when there is room for them.
+        workers: how many tasks are worked on at a time.
+        seconds: how long an answer took.
+        died: the answer where a task ended the process that worked on it.
+        isolated: use processes however few the tasks and the workers are.
+    """
+    tasks = iter(tasks)
+    head = list(islice(tasks, FEW + 1))
+    tasks = chain(head, tasks)
+    if isolated or (workers > 1 and len(head) > FEW):
+        return _by_processes(work, tasks, workers, seconds, died)
+    return _by_threads(work, tasks, workers)
+
+
+def _by_threads(work: Callable[[Task], Answer], tasks: Iterable[Task], workers: int) -> Iterator[Answer]:
+    pool = ThreadPoolExecutor(max_workers=workers)
+    waiting: deque[Future[Answer]] = deque()
+    try:
+        for task in tasks:
+            waiting.append(pool.submit(work, task))
+            # Enough in flight to keep the workers busy past one slow task, few enough for any number of them.
+            if len(waiting) > 8 * workers:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        # After Ctrl-C what is being worked on is not waited for.
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _by_processes(
+    work: Callable[[Task], Answer],
+    tasks: Iterator[Task],
+    workers: int,
+    seconds: Callable[[Answer], float],
+    died: Callable[[Task], Answer],
+) -> Iterator[Answer]:
+    waiting: deque[tuple[list[Task], Future[list[Answer]]]] = deque()
+    size, pool = 1, _start(workers)
+    try:
+        while True:
+            while len(waiting) < 4 * workers and (part := list(islice(tasks, size))):
+                waiting.append((part, _submit(pool, work, part)))
+            if not waiting:
+                return
+            part, future = waiting.popleft()
+            try:
+                answers = future.result()
+            except BrokenProcessPool:
+                # One of the tasks in flight ended its process, and with it the pool.
+                pool.shutdown(wait=False)
+                lost = [part, *(part for part, _ in waiting)]
+                waiting.clear()
+                yield from _one_by_one(work, chain.from_iterable(lost), died)
+                pool = _start(workers)
+                continue
+            mean = sum(map(seconds, answers)) / len(answers)
+            size = max(1, min(LONGEST, 2 * size, round(PART / max(mean, 1e-9))))
+            yield from answers
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _one_by_one(
+    work: Callable[[Task], Answer], tasks: Iterable[Task], died: Callable[[Task], Answer]
+) -> Iterator[Answer]:
+    """Answer tasks in a process of their own, alone, so that the one that ends it is known."""
+    pool = _start(1)
+    try:
+        for task in tasks:
+            try:
+                yield _submit(pool, work, [task]).result()[0]
+            except BrokenProcessPool:
+                yield died(task)
+                pool.shutdown(wait=False)
+                pool = _start(1)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _start(workers: int) -> ProcessPoolExecutor:
+    # Not forked: threads of this process, such as torch's, would leave locks behind that nobody releases.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin)
+    try:
+        with _deaf_to_interrupts():
+            pool.submit(int).result()
+    except BrokenProcessPool as error:
+        raise RuntimeError(
+            "worker processes must be able to import the main script; they end at once. Call this under "
+            'if __name__ == "__main__":, or pass workers=1.'
+        ) from error
+    return pool
+
+
+def _submit(pool: Executor, work: Callable[[Task], Answer], part: list[Task]) -> Future[list[Answer]]:
+    try:
+        return pool.submit(_answer, work, part)
+    except BrokenProcessPool as error:
+        future: Future[list[Answer]] = Future()
+        future.set_exception(error)
+        return future
+
+
+def _answer(work: Callable[[Task], Answer], part: list[Task]) -> list[Answer]:
+    return [work(task) for task in part]
+
+
+def _begin() -> None:
+    import torch
+
+    torch.set_num_threads(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A killed parent leaves its workers waiting for tasks for ever."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    connection.wait([parent.sentinel])
+    os._exit(1)
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Processes started within ignore Ctrl-C, which goes to all of them: the parent ends them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
