@@ -1,150 +1,141 @@
-"""The table: its row, its forms as text, and files that hold whole rows only, whenever the writing ends."""
+"""Tables in files: of whole rows only, whenever the writing ends, and continued where it ended."""
 
-import csv
 import io
-import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import asdict, astuple, dataclass, fields
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from torchlinf import _parquet
+from torchlinf._rows import NoTableError, Score, csv_header, csv_line, json_line, parse
+from torchlinf._terminal import print_table
+
+JSON_BEGINNING = b'{"path": '
+JOURNAL = ".part"  # what is scored already, beside a Parquet file, which is written in one piece at the end
+
 
 @dataclass(frozen=True)
-class Score:
-    """One row of the table: what is known of one mask. The fields are the columns, in this order.
-
-    A field is None where there is nothing to say: `depth` of a 2-D mask, and of a failed one all that was not reached.
+class Writer:
+    """What takes rows, called with one at a time.
 
     Attributes:
-        path: the file as it was found; of an .npz archive with several arrays "file.npz:array".
-        height: rows of the image, pixels.
-        width: columns of the image, pixels.
-        depth: pages of the volume, pixels; None in 2-D.
-        pixels: how many pixels are inside.
-        radius: largest chessboard distance D to the outside, pixels.
-        components: connected components; pixels that touch at a corner are connected, as they are for the field.
-        complexity: mean over all scales (0, 1], bits.
-        complexity_low: mean over (0, 0.25], bits: small features at the boundary.
-        complexity_high: mean over (0.25, 1], bits: the coarse form.
-        peak: largest value of a level, bits.
-        peak_scale: scale k/D of the first level that reaches it, in (0, 1].
-        error_bound: certified relative error of the field.
-        seconds: time taken to read and score the mask.
-        error: what went wrong, in words; None if nothing did.
+        write: writes a row, in full or not at all.
+        done: paths of the rows that the table held before.
     """
 
-    path: str
-    height: int | None = None
-    width: int | None = None
-    depth: int | None = None
-    pixels: int | None = None
-    radius: int | None = None
-    components: int | None = None
-    complexity: float | None = None
-    complexity_low: float | None = None
-    complexity_high: float | None = None
-    peak: float | None = None
-    peak_scale: float | None = None
-    error_bound: float | None = None
-    seconds: float | None = None
-    error: str | None = None
+    write: Callable[[Score], None]
+    done: frozenset[str] = frozenset()
 
-
-CAPTION = (
-    "D: radius in pixels. fine: scales up to 1/4. coarse: all others. at: scale of the peak. Complexities in bits."
-)
-
-COLUMNS = tuple(field.name for field in fields(Score))
-
-
-def csv_header() -> str:
-    """First line of the table: the columns."""
-    return ",".join(COLUMNS) + "\n"
-
-
-def csv_line(row: Score) -> str:
-    r"""One row as CSV: an empty cell for None, numbers in full precision.
-
-    >>> csv_line(Score("a,b.png", height=3, error="no foreground"))
-    '"a,b.png",3,,,,,,,,,,,,,no foreground\n'
-    """
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(astuple(row))
-    return text.getvalue()
-
-
-def json_line(row: Score) -> str:
-    r"""One row as a JSON object on a line of its own: null for None.
-
-    >>> json_line(Score("a.png", height=3))[:32]
-    '{"path": "a.png", "height": 3, "'
-    """
-    return json.dumps(asdict(row), allow_nan=False) + "\n"
+    def __call__(self, row: Score) -> None:
+        """Write a row."""
+        self.write(row)
 
 
 @contextmanager
-def open_table(path: str | os.PathLike[str] | None, as_json: bool = False) -> Iterator[Callable[[Score], None]]:
+def open_table(path: str | os.PathLike[str] | None, as_json: bool = False, *, resume: bool = False) -> Iterator[Writer]:
     """Open what takes the rows: a file, standard output, or a terminal, which gets the table when all rows are there.
 
     Args:
-        path: the file; None for standard output.
+        path: the file, Parquet if its name ends in .parquet; None for standard output.
         as_json: JSON lines instead of CSV, also on a terminal.
+        resume: keep the whole rows that the file holds, and write behind them; otherwise they are lost.
 
     Yields:
-        The function that writes one row, in full or not at all.
+        The function that writes one row, in full or not at all. Its attribute `done` names what the table holds
+        already. Rows are in the file at once, but in a Parquet file all of them at the end; until then they are in
+        a file beside it, from which a later call resumes.
 
     Raises:
-        OSError: the table cannot be opened or written.
+        OSError: the table cannot be opened or written, or another run is writing it.
+        NoTableError: a ValueError: `resume` is set and the file is no such table.
+        ImportError: pyarrow, which Parquet needs, is not installed.
     """
-    if path is None and not as_json and sys.stdout.isatty():
+    if path is None:
+        with _standard_output(as_json) as write:
+            yield Writer(write)
+        return
+    path = Path(path)
+    with ExitStack() as stack:
+        if path.suffix.lower() == ".parquet":
+            _parquet.require_pyarrow()
+            journal = path.with_name(path.name + JOURNAL)
+            lines = stack.enter_context(LineFile(journal))
+            before = _parquet.names(path) if resume else frozenset()
+            if not resume:
+                path.unlink(missing_ok=True)
+            yield _writer(lines, journal, as_json=True, resume=resume, before=before)
+            with journal.open("rb") as file:
+                new = (row for row, _ in parse(file) if row.path not in before)
+                _parquet.extend(path, new)
+            journal.unlink()
+        else:
+            lines = stack.enter_context(LineFile(path))
+            yield _writer(lines, path, as_json=as_json, resume=resume)
+
+
+def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
+    """Read the rows of a table: CSV, JSON lines, Parquet, or a folder of such files (all of them, sorted by name).
+
+    Raises:
+        OSError: it cannot be read.
+        NoTableError: a ValueError: it is no table of `torchlinf score`.
+        ImportError: pyarrow, which Parquet needs, is not installed.
+    """
+    path = Path(path)
+    if path.is_dir():
+        for file in sorted(path.iterdir()):
+            if file.suffix.lower() in (".csv", ".jsonl", ".parquet"):
+                yield from read_table(file)
+    elif path.suffix.lower() == ".parquet":
+        yield from _parquet.rows(path)
+    else:
+        with path.open("rb") as lines:
+            yield from (row for row, _ in parse(lines))
+
+
+def _writer(
+    lines: "LineFile", path: Path, *, as_json: bool, resume: bool, before: frozenset[str] = frozenset()
+) -> Writer:
+    done, end = _kept(path, as_json) if resume and path.is_file() else (frozenset[str](), 0)
+    lines.cut(end)
+    if not as_json and end == 0:
+        lines.write(csv_header())
+    line = json_line if as_json else csv_line
+    return Writer(lambda row: lines.write(line(row)), before | done)
+
+
+def _kept(path: Path, as_json: bool) -> tuple[frozenset[str], int]:
+    """The paths in a table, and where its last whole row ends; nothing of any other file may be cut."""
+    beginning = JSON_BEGINNING if as_json else csv_header().encode()
+    with path.open("rb") as lines:
+        start = lines.read(len(beginning))
+        if beginning.startswith(start) and start != beginning:  # empty, or killed at once
+            return frozenset(), 0
+        if start != beginning:
+            raise NoTableError(f"it does not begin as {'JSON lines' if as_json else 'CSV'} of this version")
+        lines.seek(0)
+        names, end = set(), 0 if as_json else len(beginning)
+        for row, end in parse(lines):  # noqa: B007  # the end of the last one counts
+            names.add(row.path)
+    return frozenset(names), end
+
+
+@contextmanager
+def _standard_output(as_json: bool) -> Iterator[Callable[[Score], None]]:
+    if not as_json and sys.stdout.isatty():
         rows: list[Score] = []
         try:
             yield rows.append
         finally:
             print_table(rows)
         return
-    line = json_line if as_json else csv_line
-    with LineFile(Path(path)) if path else nullcontext(StandardOutput()) as file:
-        if not as_json:
-            file.write(csv_header())
-        yield lambda row: file.write(line(row))
-
-
-def print_table(rows: Sequence[Score]) -> None:
-    """Print rows for people: short names, few digits, and below the table what failed and why."""
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    console, folder = Console(highlight=False), _common_folder(rows)
-    names = [os.path.relpath(row.path, folder) if folder else row.path for row in rows]
-    table = Table(title=escape(folder), caption=CAPTION, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column("mask", overflow="fold")
-    for title in ("pixels", "D", "parts", "complexity", "fine", "coarse", "peak", "at"):
-        table.add_column(title, justify="right", no_wrap=True)
-    for name, row in zip(names, rows, strict=True):
-        if row.error is None:
-            counts = (row.pixels, row.radius, row.components)
-            bits = (row.complexity, row.complexity_low, row.complexity_high, row.peak)
-            table.add_row(escape(name), *map(str, counts), *(f"{x:.3f}" for x in bits), f"{row.peak_scale:.2f}")
-    if table.row_count:
-        console.print(table)
-    for name, row in zip(names, rows, strict=True):
-        if row.error is not None:
-            console.print(f"[red]failed[/] {escape(name)}: {escape(row.error)}", soft_wrap=True)
-
-
-def _common_folder(rows: Sequence[Score]) -> str:
-    """The folder that the names can be cut by; empty if there is none but the root."""
-    try:
-        folder = os.path.commonpath([os.path.dirname(row.path) for row in rows])
-    except ValueError:  # no rows, or absolute paths beside relative ones
-        return ""
-    return "" if folder == os.path.dirname(folder) else folder
+    file = StandardOutput()
+    if not as_json:
+        file.write(csv_header())
+    yield lambda row: file.write(json_line(row) if as_json else csv_line(row))
 
 
 class StandardOutput:
@@ -157,14 +148,21 @@ class StandardOutput:
 
 
 class LineFile:
-    """A text file of whole lines.
+    """A text file of whole lines, which one run at a time writes.
 
     Each line goes to the system in one unbuffered write: a program that is interrupted or killed leaves no half line,
     and what was written can be read while the program still runs.
     """
 
     def __init__(self, path: Path) -> None:
-        self._file = path.open("wb", buffering=0)
+        self._file = path.open("ab", buffering=0)
+        _lock(self._file)
+
+    def cut(self, size: int) -> None:
+        """Drop what stands behind the first `size` bytes."""
+        with suppress(io.UnsupportedOperation):
+            if self._file.seekable() and os.fstat(self._file.fileno()).st_size > size:
+                self._file.truncate(size)
 
     def write(self, line: str) -> None:
         """Append a line, which ends with a line break; if it cannot be written in full, not at all.
@@ -187,3 +185,17 @@ class LineFile:
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
+
+
+def _lock(file: io.FileIO) -> None:
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        file.close()
+        raise OSError(error.errno, "another run is writing it") from error
+    except OSError:
+        return  # file systems without locks

@@ -12,14 +12,17 @@ from numpy.typing import NDArray
 from torchlinf._crops import profile_crops
 from torchlinf._masks import MAX_PIXELS, RULE, inside_above, read_mask, read_source
 from torchlinf._readers import UnreadableMaskError
+from torchlinf._rows import COLUMNS, NoTableError, Score
 from torchlinf._sources import Source, find_masks
-from torchlinf._tables import COLUMNS, Score, open_table, print_table
+from torchlinf._tables import open_table, read_table
+from torchlinf._terminal import print_table
 from torchlinf._workers import in_order
 
 __all__ = [
     "COLUMNS",
     "MAX_PIXELS",
     "RULE",
+    "NoTableError",
     "Score",
     "Source",
     "UnreadableMaskError",
@@ -29,6 +32,7 @@ __all__ = [
     "print_table",
     "read_mask",
     "read_source",
+    "read_table",
     "score_mask",
     "score_masks",
 ]

@@ -1,0 +1,101 @@
+"""Tables as Parquet files. Needs the extra `parquet` (pyarrow)."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from torchlinf._rows import COLUMNS, KINDS, NoTableError, Score
+
+if TYPE_CHECKING:
+    import pyarrow
+
+ROWS = 10_000  # in memory at a time
+
+
+def require_pyarrow() -> None:
+    """Raise an ImportError that says what to install, if it must be."""
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError as error:
+        raise ImportError(
+            "Tables in Parquet need pyarrow, which is not installed. Run: pip install 'torchlinf[parquet]'"
+        ) from error
+
+
+def schema() -> "pyarrow.Schema":
+    """The columns of `Score` with their types, all of which but the path may be empty."""
+    import pyarrow
+
+    types = {int: pyarrow.int64(), float: pyarrow.float64(), str: pyarrow.string()}
+    return pyarrow.schema([pyarrow.field(name, types[KINDS[name]], nullable=name != "path") for name in COLUMNS])
+
+
+def table(rows: Iterable[Score]) -> "pyarrow.Table":
+    """Rows as an Arrow table."""
+    import pyarrow
+
+    return pyarrow.Table.from_pylist([asdict(row) for row in rows], schema=schema())
+
+
+def rows(path: Path) -> Iterator[Score]:
+    """The rows of a Parquet file.
+
+    Raises:
+        OSError: it cannot be read.
+        NoTableError: it is no table of `torchlinf score`.
+    """
+    for batch in _batches(path, list(COLUMNS)):
+        yield from (Score(**row) for row in batch.to_pylist())
+
+
+def names(path: Path) -> frozenset[str]:
+    """The paths in a Parquet file; none if there is no such file."""
+    if not path.exists():
+        return frozenset()
+    return frozenset(name for batch in _batches(path, ["path"]) for name in batch["path"].to_pylist())
+
+
+def extend(path: Path, new: Iterable[Score]) -> None:
+    """Put rows behind those that a Parquet file holds, if there is one: the file is replaced in one piece."""
+    import pyarrow
+    import pyarrow.parquet
+
+    def write(temporary: Path) -> None:
+        with pyarrow.parquet.ParquetWriter(temporary, schema()) as writer:
+            if path.exists():
+                for batch in _batches(path, list(COLUMNS)):
+                    writer.write_table(pyarrow.Table.from_batches([batch]).cast(schema()))
+            remaining = iter(new)
+            while part := list(islice(remaining, ROWS)):
+                writer.write_table(table(part))
+
+    replace_file(path, write)
+
+
+def replace_file(path: Path, write: Callable[[Path], None]) -> None:
+    """Have `write(temporary)` write a file, and give it its name when it is whole and on the disk."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        write(temporary)
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _batches(path: Path, columns: list[str]) -> Iterator["pyarrow.RecordBatch"]:
+    require_pyarrow()
+    import pyarrow
+    import pyarrow.parquet
+
+    try:
+        with pyarrow.parquet.ParquetFile(path) as file:
+            if tuple(file.schema_arrow.names) != COLUMNS:
+                raise NoTableError("its columns are not those of this version")
+            yield from file.iter_batches(ROWS, columns=columns)
+    except pyarrow.ArrowInvalid as error:
+        raise NoTableError(f"it is no Parquet file, or a damaged one ({error})") from error

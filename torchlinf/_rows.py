@@ -1,0 +1,140 @@
+"""One row of the table, and rows as text: to CSV and JSON lines, and back."""
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, astuple, dataclass, fields
+from typing import Any, get_args, get_type_hints
+
+
+class NoTableError(ValueError):
+    """A file is no table that `torchlinf score` has written; the message says why, in words."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """One row of the table: what is known of one mask. The fields are the columns, in this order.
+
+    A field is None where there is nothing to say: `depth` of a 2-D mask, and of a failed one all that was not reached.
+
+    Attributes:
+        path: the file as it was found; of an .npz archive with several arrays "file.npz:array".
+        height: rows of the image, pixels.
+        width: columns of the image, pixels.
+        depth: pages of the volume, pixels; None in 2-D.
+        pixels: how many pixels are inside.
+        radius: largest chessboard distance D to the outside, pixels.
+        components: connected components; pixels that touch at a corner are connected, as they are for the field.
+        complexity: mean over all scales (0, 1], bits.
+        complexity_low: mean over (0, 0.25], bits: small features at the boundary.
+        complexity_high: mean over (0.25, 1], bits: the coarse form.
+        peak: largest value of a level, bits.
+        peak_scale: scale k/D of the first level that reaches it, in (0, 1].
+        error_bound: certified relative error of the field.
+        seconds: time taken to read and score the mask.
+        error: what went wrong, in words; None if nothing did.
+    """
+
+    path: str
+    height: int | None = None
+    width: int | None = None
+    depth: int | None = None
+    pixels: int | None = None
+    radius: int | None = None
+    components: int | None = None
+    complexity: float | None = None
+    complexity_low: float | None = None
+    complexity_high: float | None = None
+    peak: float | None = None
+    peak_scale: float | None = None
+    error_bound: float | None = None
+    seconds: float | None = None
+    error: str | None = None
+
+
+COLUMNS = tuple(field.name for field in fields(Score))
+
+# int, float or str, by column.
+KINDS: dict[str, Any] = {name: (get_args(kind) or (kind,))[0] for name, kind in get_type_hints(Score).items()}
+
+
+def csv_header() -> str:
+    """First line of the table: the columns."""
+    return ",".join(COLUMNS) + "\n"
+
+
+def csv_line(row: Score) -> str:
+    r"""One row as CSV: an empty cell for None, numbers in full precision.
+
+    >>> csv_line(Score("a,b.png", height=3, error="no foreground"))
+    '"a,b.png",3,,,,,,,,,,,,,no foreground\n'
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(astuple(row))
+    return text.getvalue()
+
+
+def json_line(row: Score) -> str:
+    r"""One row as a JSON object on a line of its own: null for None.
+
+    >>> json_line(Score("a.png", height=3))[:32]
+    '{"path": "a.png", "height": 3, "'
+    """
+    return json.dumps(asdict(row), allow_nan=False) + "\n"
+
+
+def parse(lines: Iterable[bytes]) -> Iterator[tuple[Score, int]]:
+    r"""Read a table back, CSV or JSON lines.
+
+    Args:
+        lines: of the file, each with its line break, such as the file itself.
+
+    Yields:
+        Rows, and how many bytes from the start each ends. What was being written when the program was killed, a row
+        without an end, is left out.
+
+    Raises:
+        NoTableError: the columns are others, or a row is none.
+
+    Example:
+        >>> line = csv_line(Score("a.png", height=3)).encode()
+        >>> [(row.path, row.height, end) for row, end in parse([csv_header().encode(), line, line[:5]])]
+        [('a.png', 3, 154)]
+    """
+    position = 0
+    as_json: bool | None = None
+    for record in _records(lines):
+        position += len(record)
+        if as_json is None:
+            as_json = record.startswith(b"{")
+            if not as_json:
+                if record != csv_header().encode():
+                    raise NoTableError("its first line does not name the columns of this version")
+                continue
+        try:
+            yield (_from_json if as_json else _from_csv)(record.decode()), position
+        except (ValueError, TypeError) as error:
+            raise NoTableError(f"the row that ends at byte {position} is none ({error})") from error
+
+
+def _records(lines: Iterable[bytes]) -> Iterator[bytes]:
+    """Lines, joined where a line break stands within quotes; the last one only if it is whole."""
+    record = b""
+    for line in lines:
+        record += line
+        # In JSON lines a line break is always an end; quotes there are escaped with backslashes, and may be odd.
+        if line.endswith(b"\n") and (record.startswith(b"{") or record.count(b'"') % 2 == 0):
+            yield record
+            record = b""
+
+
+def _from_csv(record: str) -> Score:
+    (cells,) = csv.reader(io.StringIO(record, newline=""))
+    named = zip(COLUMNS, cells, strict=True)
+    values: dict[str, Any] = {name: None if cell == "" else KINDS[name](cell) for name, cell in named}
+    return Score(**values)
+
+
+def _from_json(record: str) -> Score:
+    return Score(**json.loads(record))
