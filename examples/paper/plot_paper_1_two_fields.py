@@ -3,9 +3,9 @@
 ===========================================
 
 The paper takes a screened equation, whose solution in the Euclidean plane is an old tool for smoothing shapes, and puts
-the infinity Laplacian, the largest plus the smallest neighbour minus twice the pixel, in the place of the Laplacian.
-It claims that the level lines change in kind: those of the usual field *v* become rounder inwards, as if every shape
-were on its way to a disc, while those of *f* stay locally flat, as if every shape were on its way to a square.
+the infinity Laplacian, the largest plus the smallest neighbour minus twice the pixel, in the place of the Laplacian. It
+claims that the level lines change in kind: those of the usual field *v* become rounder inwards, as if every shape were
+on its way to a disc, while those of *f* stay locally flat, as if every shape were on its way to a square.
 """
 
 # %%
@@ -34,8 +34,8 @@ masks = {
 # %%
 # Both fields are 0 outside the shape and have the same screening length, its radius *D* in pixels. The infinity field
 # solves ``max f + min f - (2 + 1/D^2) f + 1 = 0`` with the maximum and the minimum over the block of 9 pixels, by
-# :func:`torchlinf.solve_field`. The usual one, which is called screened Poisson or v-transform, solves
-# ``(Laplacian - 1/D^2) v = -1``, a sparse linear system with five entries a row.
+# :func:`torchlinf.solve_field`. The usual one, which is called screened Poisson or v-transform, solves ``(Laplacian -
+# 1/D^2) v = -1``, a sparse linear system with five entries a row.
 
 
 def euclidean_field(mask: Tensor, rho: float) -> Tensor:

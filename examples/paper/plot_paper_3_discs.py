@@ -92,9 +92,9 @@ for side in (*range(1, 20), 64, 129, 300):
 
 # %%
 # **Discs are ordered by size** by their mean from radius 10 on. Scale by scale the order holds nearly everywhere: of
-# 100 scales the larger disc is below the smaller one at a few, by up to half a bit, most of them near the centre,
-# where a level is a handful of pixels. Among the smallest discs the order is another, since what
-# their outline looks like depends on the radius: they differ by less than one step of the staircase.
+# 100 scales the larger disc is below the smaller one at a few, by up to half a bit, most of them near the centre, where
+# a level is a handful of pixels. Among the smallest discs the order is another, since what their outline looks like
+# depends on the radius: they differ by less than one step of the staircase.
 
 growing = mean.diff() > 0
 assert growing[RADII.index(10) :].all()
