@@ -34,8 +34,8 @@ masks = {
 # %%
 # Both fields are 0 outside the shape and have the same screening length, its radius *D* in pixels. The infinity field
 # solves ``max f + min f - (2 + 1/D^2) f + 1 = 0`` with the maximum and the minimum over the block of 9 pixels, by
-# :func:`torchlinf.solve_field`. The usual one, which is called screened Poisson or v-transform, solves ``(Laplacian -
-# 1/D^2) v = -1``, a sparse linear system with five entries a row.
+# :func:`torchlinf.solve_field`. The usual one solves the screened Poisson equation ``(Laplacian - 1/D^2) v = -1``, a
+# sparse linear system with five entries a row.
 
 
 def euclidean_field(mask: Tensor, rho: float) -> Tensor:
