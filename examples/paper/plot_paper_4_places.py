@@ -45,6 +45,7 @@ def joints(mask: Tensor) -> int:
 
 
 fig, axes = plt.subplots(2, 5, figsize=(8, 4), layout="constrained")
+fig.get_layout_engine().set(h_pad=0.08)
 for ax, (name, mask) in zip(axes.flat, masks.items(), strict=True):
     plot.levels(mask, color=plot.COLOURS[joints(mask) - 4], ax=ax)
     height, width = mask.shape
