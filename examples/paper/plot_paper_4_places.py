@@ -116,3 +116,12 @@ for sweeps in (100, 300, 1000):
     eight, four = (explicit(masks[name], sweeps) for name in ("centred", "at the corners"))
     print(f"{sweeps:6} {eight:10.5f} {four:10.5f}")
     assert eight == four
+
+# %%
+# Nor does the screening length: from an eighth of the radius to sixteen times as much, the ten stay equal.
+
+print("\nscreening length   mean over (0, 1/4] (bits)")
+for rho in (8, 32, 64, 128, 1024):
+    found = {float(torchlinf.complexity(mask, high=0.25, rho=rho, spatial_ndim=2)) for mask in masks.values()}
+    print(f"{rho:9} pixels {min(found):12.5f}")
+    assert max(found) - min(found) < 1e-12
