@@ -82,12 +82,25 @@ for estimator, rounding in (("entropy", 0.0), ("std", 1e-12)):
 entropy = levels_of("entropy")
 assert (entropy["S1"] < entropy["S2"])[:32].all()
 assert (entropy["S2"] < entropy["S3"])[:16].all()
+LEVELS = {
+    "S0": [0, 0, 0, 0, 0, 0],
+    "S1": [1.34, 2.16, 2.32, 2.74, 3.33, 0],
+    "S2": [2.35, 3.54, 3.71, 2.74, 3.33, 0],
+    "S3": [3.08, 4.40, 3.71, 2.74, 3.33, 0],
+}
 print("level k (of 64)       1     11     17     33     48     49")
 for name, values in entropy.items():
-    print(f"{name}: entropy (bits)" + "".join(f"{values[k - 1]:7.2f}" for k in (1, 11, 17, 33, 48, 49)))
+    chosen = values[[0, 10, 16, 32, 47, 48]]
+    print(f"{name}: entropy (bits)" + "".join(f"{value:7.2f}" for value in chosen))
+    assert np.allclose(chosen, LEVELS[name], rtol=0, atol=0.005), "what docs/method says"
+EXPECTED = {
+    "entropy": {"S0": 0.0, "S1": 1.991, "S2": 3.294, "S3": 4.141},
+    "std": {"S0": 0.0, "S1": 0.0129, "S2": 0.0292, "S3": 0.0524},
+}
 print("\nmean over scales     (0, 1/4]   (1/4, 1/2]   (1/2, 3/4]   (3/4, 1]")
-for estimator, form in (("entropy", "8.3f"), ("std", "8.4f")):
+for estimator, decimals in (("entropy", 3), ("std", 4)):
     for name, mask in family.items():
         profile = torchlinf.complexity_profile(mask, estimator=estimator, spatial_ndim=2)
         means = [float(profile.mean(low / 4, (low + 1) / 4)) for low in range(4)]
-        print(f"{name}: {estimator:8}    " + "     ".join(f"{mean:{form}}" for mean in means))
+        assert np.allclose(means[0], EXPECTED[estimator][name], rtol=0, atol=10**-decimals), "what docs/paper says"
+        print(f"{name}: {estimator:8}    " + "     ".join(f"{mean:8.{decimals}f}" for mean in means))
