@@ -42,9 +42,9 @@ def find_masks(paths: Iterable[str | os.PathLike[str]], *, members: str | None =
 
     Args:
         paths: files, taken whatever their name; folders, searched through for files of a known suffix; and patterns
-            such as "masks/**/*.png", where no file has that very name. Hidden files and folders are left out, links are
+            such as `masks/**/*.png`, where no file has that very name. Hidden files and folders are left out, links are
             followed, and a folder that is reached twice is read once.
-        members: which members of tar archives are masks, as a pattern such as "*.mask.png"; None takes all with a
+        members: which members of tar archives are masks, as a pattern such as `*.mask.png`; None takes all with a
             suffix of a mask.
 
     Returns:
