@@ -40,6 +40,8 @@ copybutton_prompt_is_regexp = True
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
+    # By name: the pages on the paper are numbered in its order.
+    "within_subsection_order": "FileNameSortKey",
     "filename_pattern": r"/plot_",
     # The demo is a program with its own `make demo`, not a page.
     "ignore_pattern": r"demo\.py$",

@@ -56,6 +56,16 @@ def test_a_profile_of_zero_can_be_seen() -> None:
     assert top > 1
 
 
+def test_a_profile_of_standard_deviations() -> None:
+    ax = plot.profile(DISC, estimator="std")
+    levels = torchlinf.complexity_profile(DISC, estimator="std", spatial_ndim=2).levels()
+    np.testing.assert_array_equal(ax.patches[0].get_data().values, levels)
+    assert labels(ax)[1] == "standard deviation of f / max f"
+    assert ax.get_ylim()[1] < 0.5 < plot.profile(DISC).get_ylim()[1]
+    with pytest.raises(ValueError, match="estimator"):
+        plot.profile(DISC, estimator="variance")
+
+
 @pytest.mark.parametrize("of", ["field", "distance"])
 def test_level_lines_lie_where_the_values_are(of: str) -> None:
     ax = plot.levels(TALL, of=of)
@@ -69,6 +79,20 @@ def test_level_lines_lie_where_the_values_are(of: str) -> None:
     assert (x.min() + x.max(), y.min() + y.max()) == pytest.approx((8, 21))
     assert 0 < x.min() < x.max() < 8
     assert x.min() == pytest.approx(y.min())
+
+
+def test_level_lines_of_another_field() -> None:
+    # 2, 4 ... 24 from left to right: half of the maximum is the sixth column, whose index is 5.
+    ramp = 2.0 * torch.arange(1, 13).expand(5, 12)
+    ax = plot.levels(torch.ones(5, 12), of=ramp, color="#FF0000")
+    x, y = ax.collections[0].get_paths()[4].vertices.T
+    assert float(x[(y > 0) & (y < 4)].min()) == pytest.approx(5)
+    assert ax.get_title() == "field / its maximum"
+    assert ax.images[0].cmap(1.0)[:3] == (1.0, 0.5, 0.5)
+    with pytest.raises(ValueError, match=r"got \(12, 5\) for \(5, 12\). Pass one value for each pixel."):
+        plot.levels(torch.ones(5, 12), of=ramp.T)
+    with pytest.raises(ValueError, match=r"field on an image"):
+        plot.levels(torch.ones(3, 5, 12), of=torch.ones(3, 5, 12))
 
 
 def test_lines_of_a_shape_at_the_border_are_closed() -> None:

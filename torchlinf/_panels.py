@@ -32,6 +32,9 @@ LINES = np.arange(1, 10) / 10
 
 TITLES = {"field": "field f / max f", "distance": "scale t = d / D"}
 
+# What profiles are drawn of: the label of the axis, and how high the axis is at least.
+ESTIMATED = {"entropy": ("complexity (bits)", 1.0), "std": ("standard deviation of f / max f", 0.01)}
+
 
 class Look(NamedTuple):
     """Colour and style of a line."""
@@ -68,10 +71,10 @@ def axes_or_new(ax: "Axes | None") -> "Axes":
     return cast("Axes", pyplot().subplots(layout="constrained")[1]) if ax is None else ax
 
 
-def solve(mask: Tensor) -> ComplexityProfile:
+def solve(mask: Tensor, estimator: str = "entropy") -> ComplexityProfile:
     """Profile of one shape without leading dimensions."""
     _require_shape(mask)
-    return complexity_profile(mask, spatial_ndim=mask.ndim)
+    return complexity_profile(mask, estimator=estimator, spatial_ndim=mask.ndim)
 
 
 def solve_all(masks: Mapping[str, Tensor]) -> dict[str, ComplexityProfile]:
@@ -99,15 +102,18 @@ def _require_shape(mask: Tensor) -> None:
         raise ValueError("mask must have at least one pixel inside; got an empty one. Leave it out.")
 
 
-def draw_profile(ax: "Axes", solved: ComplexityProfile, label: str | None, look: Look) -> "Axes":
+def draw_profile(
+    ax: "Axes", solved: ComplexityProfile, label: str | None, look: Look, estimator: str = "entropy"
+) -> "Axes":
     """Level k holds for the scales from (k-1)/D to k/D: a staircase, not a line through points."""
     values = cast("Tensor", solved.levels()).numpy(force=True)
     edges = np.arange(len(values) + 1) / len(values)
     ax.stairs(values, edges, baseline=None, label=label, color=look.color, linestyle=look.style, linewidth=1.6)
     # The same ground for all, at least one bit high, and low enough to show the line of a profile that is zero.
-    top = max(1.0, ax.dataLim.y1)
+    words, least = ESTIMATED[estimator]
+    top = max(least, ax.dataLim.y1)
     ax.set(xlim=(0, 1), ylim=(-0.02 * top, 1.05 * top))
-    ax.set(xlabel="scale t = d / D (share of the radius)", ylabel="complexity (bits)")
+    ax.set(xlabel="scale t = d / D (share of the radius)", ylabel=words)
     ax.spines[["top", "right"]].set_visible(False)
     return ax
 

@@ -31,7 +31,13 @@ if TYPE_CHECKING:
 
 
 def profile(
-    mask: Tensor, *, label: str | None = None, color: str | None = None, style: str = "-", ax: "Axes | None" = None
+    mask: Tensor,
+    *,
+    label: str | None = None,
+    color: str | None = None,
+    style: str = "-",
+    estimator: str = "entropy",
+    ax: "Axes | None" = None,
 ) -> "Axes":
     """Draw the complexity of one shape against scale, level by level.
 
@@ -40,15 +46,17 @@ def profile(
         label: name of the line in a legend.
         color: colour of the line; None takes the next of `COLOURS`.
         style: line style, as matplotlib writes it.
-        ax: where to draw; None makes a new figure. Call again with the axes returned to compare shapes.
+        estimator: "entropy", or "std" for the standard deviation of f / max f on each level.
+        ax: where to draw; None makes a new figure. Call again with the axes returned to compare shapes, all by the same
+            estimator.
 
     Returns:
-        The axes: scale in (0, 1] without unit, complexity in bits.
+        The axes: scale in (0, 1] without unit, complexity in bits, or a standard deviation without unit.
 
     Raises:
         ImportError: matplotlib is not installed.
         TypeError: `mask` is no tensor.
-        ValueError: `mask` is empty or not binary.
+        ValueError: `mask` is empty or not binary, or `estimator` is neither of the two.
 
     Example:
         >>> from torchlinf import plot, shapes
@@ -57,11 +65,12 @@ def profile(
         >>> ax.get_ylabel()
         'complexity (bits)'
     """
-    solved, ax = solve(mask), axes_or_new(ax)
-    return draw_profile(ax, solved, label, Look(color or COLOURS[len(ax.patches) % len(COLOURS)], style))
+    solved, ax = solve(mask, estimator), axes_or_new(ax)
+    look = Look(color or COLOURS[len(ax.patches) % len(COLOURS)], style)
+    return draw_profile(ax, solved, label, look, estimator)
 
 
-def levels(mask: Tensor, *, of: str = "field", ax: "Axes | None" = None) -> "Axes":
+def levels(mask: Tensor, *, of: str | Tensor = "field", color: str | None = None, ax: "Axes | None" = None) -> "Axes":
     """Draw a shape with level lines.
 
     On a square both kinds of lines are nested squares. How the lines of the field leave those of the distance is what
@@ -70,7 +79,9 @@ def levels(mask: Tensor, *, of: str = "field", ax: "Axes | None" = None) -> "Axe
     Args:
         mask: one shape, (H, W) or (D, H, W), values 0 or 1, not empty. Of a volume the slice through its deepest voxel
             is drawn.
-        of: "field" for f / max f, "distance" for the scale t = d / D.
+        of: "field" for f / max f, "distance" for the scale t = d / D; or another field to compare them with, (H, W),
+            0 outside the shape and positive inside, which is divided by its maximum.
+        color: the shape is filled with a pale tint of it; None takes the first of `COLOURS`.
         ax: where to draw; None makes a new figure.
 
     Returns:
@@ -79,7 +90,8 @@ def levels(mask: Tensor, *, of: str = "field", ax: "Axes | None" = None) -> "Axe
     Raises:
         ImportError: matplotlib is not installed.
         TypeError: `mask` is no tensor.
-        ValueError: `mask` is empty, not binary, or neither 2-D nor 3-D; or `of` is neither of the two.
+        ValueError: `mask` is empty, not binary, or neither 2-D nor 3-D; `of` is another word than these two, or a field
+            of another shape than an image's `mask`.
 
     Example:
         >>> from torchlinf import plot, shapes
@@ -87,12 +99,21 @@ def levels(mask: Tensor, *, of: str = "field", ax: "Axes | None" = None) -> "Axe
         >>> ax.get_xlabel(), ax.get_ylabel()
         ('column (pixels)', 'row (pixels)')
     """
-    if of not in TITLES:
+    if isinstance(of, str) and of not in TITLES:
         raise ValueError(f"of must be 'field' or 'distance'; got {of!r}. Pass of='field' for f / max f.")
     field, scale = slices(mask)
+    if isinstance(of, Tensor):
+        if of.shape != mask.shape or mask.ndim != 2:
+            raise ValueError(
+                f"of must be a field on an image, of the shape of mask; got {tuple(of.shape)} for {tuple(mask.shape)}. "
+                "Pass one value for each pixel."
+            )
+        values, title = (of / of.max()).numpy(force=True), "field / its maximum"
+    else:
+        values, title = field if of == "field" else scale, TITLES[of]
     ax = axes_or_new(ax)
-    draw_levels(ax, field if of == "field" else scale, COLOURS[0])
-    ax.set(xlabel="column (pixels)", ylabel="row (pixels)", title=TITLES[of])
+    draw_levels(ax, values, color or COLOURS[0])
+    ax.set(xlabel="column (pixels)", ylabel="row (pixels)", title=title)
     return ax
 
 
