@@ -92,7 +92,8 @@ def test_the_map_of_the_complexity_is_drawn_with_its_scale() -> None:
     drawn = ax.images[0].get_array()
     np.testing.assert_array_equal(drawn.mask, ~DISC)
     np.testing.assert_array_equal(drawn.filled(0), share)
-    assert ax.images[0].get_clim() == (0, share.max())
+    top = ax.images[0].get_clim()[1]
+    assert (share > top).sum() == pytest.approx(0.02 * (share > 0).sum(), abs=8)  # pixels come in eights
     assert ax.images[0].colorbar.ax.get_ylabel() == "share (bits per pixel)"
     assert ax.get_title() == f"{torchlinf.complexity(DISC, high=0.5, spatial_ndim=2):.2f} bits"
     assert (labels(ax), ax.get_aspect()) == (("column (pixels)", "row (pixels)"), 1)

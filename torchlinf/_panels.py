@@ -31,6 +31,8 @@ STYLES = ("-", "--", ":")
 # Level lines at a tenth, two tenths ... of the maximum.
 LINES = np.arange(1, 10) / 10
 
+DARKEST = 98  # percentile of the shares of pixels from which on they are drawn alike
+
 TITLES = {"field": "field f / max f", "distance": "scale t = d / D"}
 
 
@@ -140,10 +142,12 @@ def draw_levels(ax: "Axes", values: NDArray[np.float64], color: str) -> None:
 
 def draw_map(ax: "Axes", share: NDArray[np.float64], whole: float, top: float | None) -> "Axes":
     """Image of the shares, from pale to dark, white outside; with the outline of the shape and a colour bar."""
-    darkest = float(np.nanmax(share)) or 1.0 if top is None else top
-    drawn = ax.imshow(share, cmap="YlOrBr", vmin=0.0, vmax=darkest, interpolation="nearest")
+    if top is None:
+        # Levels near the middle have few pixels, each with so large a share that all others would look alike.
+        top = float(np.percentile(share[share > 0], DARKEST)) if (share > 0).any() else 1.0
+    drawn = ax.imshow(share, cmap="YlOrBr", vmin=0.0, vmax=top, interpolation="nearest")
     draw_outline(ax, ~np.isnan(share))
-    bar = ax.figure.colorbar(drawn, ax=ax, shrink=0.85, extend="neither" if top is None else "max")
+    bar = ax.figure.colorbar(drawn, ax=ax, shrink=0.85, extend="max" if np.nanmax(share) > top else "neither")
     bar.set_label("share (bits per pixel)")
     ax.set(xlabel="column (pixels)", ylabel="row (pixels)", title=f"{whole:.2f} bits")
     return ax

@@ -108,8 +108,8 @@ def complexity_map(
             is drawn.
         low: lower end of the window of scales, excluded.
         high: upper end of the window, included; 0 <= low < high <= 1.
-        top: the share in bits per pixel from which on all have the darkest colour; None means the largest drawn.
-            Levels near the middle have few pixels, each with a large share: a smaller `top` shows the others.
+        top: the share in bits per pixel from which on all have the darkest colour; None means that 98 % of the pixels
+            with a share have less.
         ax: where to draw; None makes a new figure.
 
     Returns:
