@@ -13,10 +13,12 @@ from torchlinf._panels import (
     axes_or_new,
     draw_legend,
     draw_levels,
+    draw_map,
     draw_profile,
     draw_regions,
     looks,
     page,
+    shares,
     shorten,
     slices,
     solve,
@@ -115,6 +117,37 @@ def levels(mask: Tensor, *, of: str | Tensor = "field", color: str | None = None
     draw_levels(ax, values, color or COLOURS[0])
     ax.set(xlabel="column (pixels)", ylabel="row (pixels)", title=title)
     return ax
+
+
+def complexity_map(
+    mask: Tensor, *, low: float = 0.0, high: float = 1.0, top: float | None = None, ax: "Axes | None" = None
+) -> "Axes":
+    """Draw where the complexity of a shape sits: each pixel in the colour of its share, with a colour bar.
+
+    Args:
+        mask: one shape, (H, W) or (D, H, W), values 0 or 1, not empty. Of a volume the slice through its deepest voxel
+            is drawn.
+        low: lower end of the window of scales, excluded.
+        high: upper end of the window, included; 0 <= low < high <= 1.
+        top: the share in bits per pixel from which on all have the darkest colour; None means that 98 % of the pixels
+            with a share have less.
+        ax: where to draw; None makes a new figure.
+
+    Returns:
+        The axes, in pixels, of equal aspect, rows downwards; the title has the sum over the whole shape, in bits.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        TypeError: `mask` is no tensor.
+        ValueError: `mask` is empty, not binary, or neither 2-D nor 3-D; or low and high are no window.
+
+    Example:
+        >>> from torchlinf import plot, shapes
+        >>> plot.complexity_map(shapes.disc(16), high=0.25).get_title()
+        '... bits'
+    """
+    whole, drawn = shares(mask, low, high)
+    return draw_map(axes_or_new(ax), drawn, whole, top)
 
 
 def shapes(masks: Mapping[str, Tensor]) -> "Figure":
