@@ -83,14 +83,27 @@ def solve_all(masks: Mapping[str, Tensor]) -> dict[str, ComplexityProfile]:
 
 def slices(mask: Tensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The field f / max f and the scale t of an image, or of the slice of a volume through its deepest voxel."""
+    distance, deepest = _distance(mask)
+    field = linf_field(mask, spatial_ndim=mask.ndim, dtype=torch.float64)
+    scale = distance.double() / distance.max()
+    return field[deepest].numpy(force=True), scale[deepest].numpy(force=True)
+
+
+def silhouette(mask: Tensor) -> NDArray[np.bool_]:
+    """An image, or the slice of a volume through its deepest voxel, cut to what is inside."""
+    distance, deepest = _distance(mask)
+    inside = (distance[deepest] > 0).numpy(force=True)
+    rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
+    return inside[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+
+
+def _distance(mask: Tensor) -> tuple[Tensor, tuple[int, ...]]:
+    """The distance to the outside, and the index of the slice to be drawn, which is empty for an image."""
     _require_shape(mask)
     if mask.ndim not in (2, 3):
         raise ValueError(f"mask must be (H, W) or (D, H, W); got {tuple(mask.shape)}. Pass one shape, without a batch.")
     distance = chessboard_distance(mask, spatial_ndim=mask.ndim)
-    field = linf_field(mask, spatial_ndim=mask.ndim, dtype=torch.float64)
-    deepest = (int(distance.flatten(1).amax(dim=1).argmax()),) if mask.ndim == 3 else ()
-    scale = distance.double() / distance.max()
-    return field[deepest].numpy(force=True), scale[deepest].numpy(force=True)
+    return distance, (int(distance.flatten(1).amax(dim=1).argmax()),) if mask.ndim == 3 else ()
 
 
 def _require_shape(mask: Tensor) -> None:
