@@ -95,9 +95,11 @@ def hasse_diagram(graph: "DiGraph") -> "DiGraph":
     """
     import networkx as nx
 
-    reduced = nx.transitive_reduction(graph)
+    kept = nx.transitive_reduction(graph)
+    reduced = nx.DiGraph(**graph.graph)
     reduced.add_nodes_from(graph.nodes(data=True))
-    reduced.graph |= graph.graph
+    # Its edges come out of sets, whose order changes from run to run; those of the graph do not.
+    reduced.add_edges_from(edge for edge in graph.edges if kept.has_edge(*edge))
     return reduced
 
 
