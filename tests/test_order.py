@@ -113,9 +113,20 @@ def test_hasse_diagram_has_the_steps_and_nothing_that_follows(seed: int) -> None
         assert not any(graph.has_edge(a, c) and graph.has_edge(c, b) for c in graph)
 
 
+def test_steps_come_in_the_order_of_the_graph() -> None:
+    """A random order of names, whose hashes change from run to run."""
+    graph = nx.relabel_nodes(random_order(0, size=20), str)
+    steps = hasse_diagram(graph)
+    assert list(steps) == list(graph)
+    kept = set(steps.edges)
+    assert list(steps.edges) == [edge for edge in graph.edges if edge in kept]
+
+
 def test_attributes_are_kept(profiles: dict[str, ComplexityProfile]) -> None:
     steps = hasse_diagram(dominance(profiles))
     assert steps.nodes["square", "box"]["indicators"] == (0.0, 0.0)
+    assert steps.graph == {"windows": ((0.0, 0.25), (0.0, 1.0))}
+    assert dominance(profiles, windows=None).graph == {"windows": ((0.0, 1.0),)}
 
 
 def with_values(*rows: list[float], error_bound: float = 0.0) -> list[ComplexityProfile]:

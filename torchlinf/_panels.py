@@ -102,6 +102,14 @@ def shares(mask: Tensor, low: float, high: float) -> tuple[float, NDArray[np.flo
     return float(share.sum()), torch.where(mask != 0, share, torch.nan)[deepest].numpy(force=True)
 
 
+def silhouette(mask: Tensor) -> NDArray[np.bool_]:
+    """An image, or the slice of a volume through its deepest voxel, cut to what is inside."""
+    distance, deepest = _deepest(mask)
+    inside = (distance[deepest] > 0).numpy(force=True)
+    rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
+    return inside[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+
+
 def _deepest(mask: Tensor) -> tuple[Tensor, tuple[int, ...]]:
     """The distance, and the index of the slice to draw: none of an image, of a volume that of its deepest voxel."""
     _require_shape(mask)
