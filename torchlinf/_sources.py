@@ -10,6 +10,7 @@ from pathlib import Path
 
 from torchlinf._archives import tar_masks
 from torchlinf._coco import Outline, coco_masks
+from torchlinf._held import Held
 from torchlinf._readers import SUFFIXES, UnreadableMaskError, arrays_in
 from torchlinf._spans import Span
 
@@ -23,13 +24,13 @@ class Source:
         member: which of the masks in it: the array of an .npz archive that holds several, the member of a tar archive,
             the id of an annotation.
         error: why there is nothing to read, if that is known already.
-        place: where in a tar archive the mask is, or what a COCO file says of it.
+        place: where in a tar archive the mask is, what a COCO file says of it, or the mask itself.
     """
 
     path: Path
     member: str | None = None
     error: str | None = None
-    place: Span | Outline | None = None
+    place: Span | Outline | Held | None = None
 
     @property
     def name(self) -> str:

@@ -61,6 +61,10 @@ Threshold = Annotated[
     typer.Option("--threshold", "-t", metavar="T", help="Inside is what is greater, in the file's own units."),
 ]
 Invert = Annotated[bool, typer.Option("--invert", "-i", help="Swap inside and outside, for dark shapes.")]
+Ray = Annotated[
+    str | None,
+    typer.Option("--ray", metavar="ADDRESS", help="Score on Ray into a folder: local, auto, or where a cluster is."),
+]
 MaxPixels = Annotated[int, typer.Option(min=1, metavar="N", help="Refuse larger masks; each pixel takes 130 bytes.")]
 
 
@@ -107,12 +111,18 @@ def score(
     invert: Invert = False,
     workers: Workers = None,
     max_pixels: MaxPixels = MAX_PIXELS,
+    ray: Ray = None,
 ) -> None:
     """Score masks: one row of numbers a mask.
 
     Without --out the table goes to the terminal, or as CSV into a pipe. A file that cannot be scored gives a row that
     says why, and the rest go on. Ctrl-C leaves a table of whole rows.
     """
+    if ray is not None:
+        from torchlinf._ray_command import score_on_ray
+
+        score_on_ray(paths, out, ray, workers or _cores(), (threshold, invert, max_pixels), _progress)
+        return
     sources = _find(paths)
     if out is not None and out.suffix.lower() in SUFFIXES:
         raise typer.BadParameter(f"{out} has the name of a mask; pass for example scores.csv", param_hint="--out")
