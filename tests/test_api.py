@@ -39,6 +39,7 @@ def test_the_public_names() -> None:
         "Status",
         "chessboard_distance",
         "complexity",
+        "complexity_map",
         "complexity_profile",
         "linf_field",
         "shapes",
@@ -67,6 +68,10 @@ def test_the_version_has_three_numbers() -> None:
         (torchlinf.linf_field, f"(mask, *, {SOLVE}, spatial_ndim=None, dtype=None)"),
         (torchlinf.complexity_profile, f"(mask, *, scales=None, {PROFILE})"),
         (torchlinf.complexity, f"(mask, *, low=0.0, high=1.0, {PROFILE})"),
+        (
+            torchlinf.complexity_map,
+            f"(mask, *, low=0.0, high=1.0, bins=1024, {SOLVE}, method='auto', spatial_ndim=None, dtype=None)",
+        ),
         (torchlinf.soft_chessboard_distance, "(probability, *, spatial_ndim=None)"),
         (torchlinf.soft_linf_field, "(probability, *, rho=None, slices=4, tol=1e-09, spatial_ndim=None)"),
         (

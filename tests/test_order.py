@@ -9,7 +9,15 @@ import pytest
 import torch
 
 from torchlinf import ComplexityProfile, complexity_profile, shapes
-from torchlinf.order import chains, dominance, hasse_diagram, incomparable_pairs, largest_antichain, longest_chain
+from torchlinf.order import (
+    chains,
+    dominance,
+    hasse_diagram,
+    incomparable_pairs,
+    kendall_tau,
+    largest_antichain,
+    longest_chain,
+)
 
 
 def profile(mask: torch.Tensor) -> ComplexityProfile:
@@ -105,13 +113,61 @@ def test_hasse_diagram_has_the_steps_and_nothing_that_follows(seed: int) -> None
         assert not any(graph.has_edge(a, c) and graph.has_edge(c, b) for c in graph)
 
 
+def test_steps_come_in_the_order_of_the_graph() -> None:
+    """A random order of names, whose hashes change from run to run."""
+    graph = nx.relabel_nodes(random_order(0, size=20), str)
+    steps = hasse_diagram(graph)
+    assert list(steps) == list(graph)
+    kept = set(steps.edges)
+    assert list(steps.edges) == [edge for edge in graph.edges if edge in kept]
+
+
 def test_attributes_are_kept(profiles: dict[str, ComplexityProfile]) -> None:
     steps = hasse_diagram(dominance(profiles))
     assert steps.nodes["square", "box"]["indicators"] == (0.0, 0.0)
+    assert steps.graph == {"windows": ((0.0, 0.25), (0.0, 1.0))}
+    assert dominance(profiles, windows=None).graph == {"windows": ((0.0, 1.0),)}
+
+
+def with_values(*rows: list[float], error_bound: float = 0.0) -> list[ComplexityProfile]:
+    """Profiles of one shape each that hold the numbers given."""
+    scales = torch.arange(1, len(rows[0]) + 1, dtype=torch.float64) / len(rows[0])
+    bound = torch.tensor(error_bound, dtype=torch.float64)
+    values = [torch.tensor(row, dtype=torch.float64) for row in rows]
+    return [ComplexityProfile(scales, row, torch.tensor(len(row)), bound, row) for row in values]
+
+
+@pytest.mark.parametrize("size", [2, 3, 6])
+def test_tau_counts_pairs(size: int) -> None:
+    """Against the definition pair by pair, on integers, among which equal ones are the rule."""
+    drawn = np.random.default_rng(size).integers(0, 4, (size, 40)).astype(float)
+    expected = []
+    for column in drawn.T:
+        votes = [1 if a <= b else -1 for a, b in combinations(column, 2)]
+        expected.append(sum(votes) / len(votes))
+    found = kendall_tau(with_values(*drawn.tolist()))
+    assert found.tolist() == pytest.approx(expected, abs=1e-15)
+    assert min(expected) < 0 < max(expected)
+
+
+def test_tau_takes_values_within_the_certified_error_as_equal() -> None:
+    first, later = [1.0, 1.0], [1.0 - 3e-6, 1.0 - 5e-6]
+    assert kendall_tau(with_values(first, later, error_bound=1e-6)).tolist() == [1.0, -1.0]
+    assert kendall_tau(with_values(later, first, error_bound=1e-6)).tolist() == [1.0, 1.0]
+
+
+def test_tau_of_shapes(profiles: dict[str, ComplexityProfile]) -> None:
+    """Squares and mirror images are equal, more appendages are more complex up to their width, and nothing above."""
+    up_to_a_quarter = torch.arange(1, 101) <= 25
+    grown = [profiles[name] for name in ("square", "box", "one", "two", "three")]
+    assert bool((kendall_tau(grown) == 1).all())
+    assert bool((kendall_tau(grown[1:][::-1])[up_to_a_quarter] == -1).all())
+    assert bool((kendall_tau(grown[::-1])[~up_to_a_quarter] == 1).all())
+    assert bool((kendall_tau([profiles["turned disc"], profiles["disc"]]) == 1).all())
 
 
 def test_bad_input_says_what_to_do(profiles: dict[str, ComplexityProfile]) -> None:
-    with pytest.raises(TypeError, match="must hold a ComplexityProfile for each name; got float"):
+    with pytest.raises(TypeError, match="must hold a ComplexityProfile for each shape; got float"):
         dominance({"square": 1.0})  # type: ignore[dict-item]
     with pytest.raises(ValueError, match="must be of one shape each; got 2"):
         dominance({"both": profile(torch.ones(2, 5, 5))})
@@ -121,3 +177,9 @@ def test_bad_input_says_what_to_do(profiles: dict[str, ComplexityProfile]) -> No
         dominance(profiles, windows=())
     with pytest.raises(ValueError, match="low"):
         dominance(profiles, windows=((0.5, 0.25),))
+    with pytest.raises(TypeError, match="for each shape; got Tensor for 1"):
+        kendall_tau([profiles["disc"], torch.ones(2)])  # type: ignore[list-item]
+    with pytest.raises(ValueError, match="two or more; got 1"):
+        kendall_tau([profiles["disc"]])
+    with pytest.raises(ValueError, match="on the same scales"):
+        kendall_tau([profiles["disc"], complexity_profile(torch.ones(5, 5), scales=[0.5], spatial_ndim=2)])

@@ -13,11 +13,11 @@ from torchlinf._profile import ComplexityProfile
 ROUNDING = 256
 
 
-def require_one_shape(name: str, profile: ComplexityProfile) -> None:
+def require_one_shape(name: str | int, profile: ComplexityProfile) -> None:
     """Raise unless it is the profile of one shape with a pixel inside."""
     if not isinstance(profile, ComplexityProfile):
         raise TypeError(
-            f"profiles must hold a ComplexityProfile for each name; got {type(profile).__name__} for {name!r}. "
+            f"profiles must hold a ComplexityProfile for each shape; got {type(profile).__name__} for {name!r}. "
             "Pass torchlinf.complexity_profile(mask, spatial_ndim=2)."
         )
     if profile.radius.numel() != 1:

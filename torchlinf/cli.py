@@ -14,7 +14,8 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from torchlinf import __version__
+from torchlinf import __version__, _order_command
+from torchlinf._pictures import check_picture, read_shape, require_matplotlib, title
 from torchlinf._readers import SUFFIXES
 from torchlinf.scoring import (
     COLUMNS,
@@ -24,7 +25,6 @@ from torchlinf.scoring import (
     UnreadableMaskError,
     find_masks,
     open_table,
-    read_source,
     score_masks,
 )
 
@@ -61,6 +61,10 @@ Threshold = Annotated[
     typer.Option("--threshold", "-t", metavar="T", help="Inside is what is greater, in the file's own units."),
 ]
 Invert = Annotated[bool, typer.Option("--invert", "-i", help="Swap inside and outside, for dark shapes.")]
+Ray = Annotated[
+    str | None,
+    typer.Option("--ray", metavar="ADDRESS", help="Score on Ray into a folder: local, auto, or where a cluster is."),
+]
 MaxPixels = Annotated[int, typer.Option(min=1, metavar="N", help="Refuse larger masks; each pixel takes 130 bytes.")]
 
 
@@ -107,12 +111,18 @@ def score(
     invert: Invert = False,
     workers: Workers = None,
     max_pixels: MaxPixels = MAX_PIXELS,
+    ray: Ray = None,
 ) -> None:
     """Score masks: one row of numbers a mask.
 
     Without --out the table goes to the terminal, or as CSV into a pipe. A file that cannot be scored gives a row that
     says why, and the rest go on. Ctrl-C leaves a table of whole rows.
     """
+    if ray is not None:
+        from torchlinf._ray_command import score_on_ray
+
+        score_on_ray(paths, out, ray, workers or _cores(), (threshold, invert, max_pixels), _progress)
+        return
     sources = _find(paths)
     if out is not None and out.suffix.lower() in SUFFIXES:
         raise typer.BadParameter(f"{out} has the name of a mask; pass for example scores.csv", param_hint="--out")
@@ -147,19 +157,23 @@ def profile(
     max_pixels: MaxPixels = MAX_PIXELS,
 ) -> None:
     """Draw masks with level lines of the field f and of the scale t, and their profiles in one plot."""
-    _require_matplotlib()
+    require_matplotlib("torchlinf profile")
     sources = _find(paths)
-    _check_picture(plot, sources)
+    check_picture(plot, sources, MAX_DRAWN)
     masks: dict[str, torch.Tensor] = {}
     for source in sources:
         try:
-            masks[_title(source, sources)] = _shape(source, threshold, invert, max_pixels)
+            inside = read_shape(source, threshold, invert, max_pixels)
+            masks[title(source, sources)] = torch.from_numpy(inside)
         except UnreadableMaskError as error:
             typer.echo(f"{source.name}: {error}", err=True)
     if masks:
         _draw(plot, masks)
     if len(masks) < len(sources):
         raise typer.Exit(1)
+
+
+app.command(epilog=_order_command.EPILOG)(_order_command.order)
 
 
 def _find(paths: list[Path]) -> list[Source]:
@@ -184,15 +198,6 @@ def _progress(total: int, shown: bool) -> Iterator[Callable[[], None]]:
         yield lambda: progress.advance(task)
 
 
-def _require_matplotlib() -> None:
-    try:
-        import matplotlib
-    except ImportError:
-        typer.echo("torchlinf profile needs matplotlib. Run: pip install 'torchlinf[plot]'", err=True)
-        raise typer.Exit(2) from None
-    matplotlib.use("Agg")  # a picture for a file needs no screen
-
-
 def _draw(picture: Path, masks: dict[str, torch.Tensor]) -> None:
     from torchlinf.plot import overview
 
@@ -202,34 +207,3 @@ def _draw(picture: Path, masks: dict[str, torch.Tensor]) -> None:
     except OSError as error:
         typer.echo(f"The picture cannot be written ({error.strerror}).", err=True)
         raise typer.Exit(2) from None
-
-
-def _check_picture(picture: Path, sources: list[Source]) -> None:
-    """Refuse what would fail, or be regretted, after the masks have been solved."""
-    from matplotlib.backend_bases import FigureCanvasBase
-
-    problem = None
-    if picture.suffix[1:].lower() not in FigureCanvasBase.get_supported_filetypes():
-        problem = f"{picture} has no suffix of a picture; pass for example profiles.png"
-    elif not os.access(picture.parent, os.W_OK):
-        problem = f"the folder {picture.parent} cannot be written to"
-    elif picture.exists() and any(source.path.exists() and picture.samefile(source.path) for source in sources):
-        problem = f"{picture} is one of the masks"
-    if problem:
-        raise typer.BadParameter(problem, param_hint="--plot")
-    if len(sources) > MAX_DRAWN:
-        raise typer.BadParameter(f"one picture holds {MAX_DRAWN} masks; got {len(sources)}. Name fewer")
-
-
-def _title(source: Source, sources: list[Source]) -> str:
-    """The shortest name that tells the source from the others."""
-    short = source.path.stem if source.member is None else f"{source.path.stem}:{source.member}"
-    same = [other for other in sources if (other.path.stem, other.member) == (source.path.stem, source.member)]
-    return short if len(same) == 1 else source.name
-
-
-def _shape(source: Source, threshold: float | None, invert: bool, max_pixels: int) -> torch.Tensor:
-    inside = read_source(source, threshold=threshold, invert=invert, max_pixels=max_pixels)
-    if not inside.any():
-        raise UnreadableMaskError("no foreground: no pixel is inside")
-    return torch.from_numpy(inside)

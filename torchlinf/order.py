@@ -1,4 +1,4 @@
-"""Partial orders of shapes: which are simpler in every respect, and which cannot be compared.
+"""Orders of shapes: partial ones, in which a simpler shape is so in every respect, and agreement with a given one.
 
 One number orders all shapes in a line; several do not. A shape is simpler than another if no indicator says the
 contrary and one says so. Indicators are means of the complexity over windows of scales, or its values at all scales.
@@ -8,6 +8,9 @@ The orders are networkx graphs, so that all of networkx works on them.
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import TYPE_CHECKING, TypeAlias, cast
+
+import torch
+from torch import Tensor
 
 from torchlinf._indicators import means_over, ranks, require_one_shape, slack_of, values_at_all_scales
 from torchlinf._profile import ComplexityProfile
@@ -40,6 +43,7 @@ def dominance(
         A networkx.DiGraph. Its nodes are tuples of names, several where shapes are equal in every indicator. It has an
         edge from each node to all that are more complex, and is transitively closed. Node attribute `indicators`: the
         means over the windows (over all scales for None) of the first shape of the node, in bits for the entropy.
+        Attribute `windows` of the graph: those windows.
 
     Raises:
         TypeError: a value is no `ComplexityProfile`.
@@ -57,14 +61,15 @@ def dominance(
     for name, profile in profiles.items():
         require_one_shape(name, profile)
     solved = list(profiles.values())
-    means = means_over(solved, ((0.0, 1.0),) if windows is None else windows)
+    averaged = ((0.0, 1.0),) if windows is None else tuple(windows)
+    means = means_over(solved, averaged)
     rank = ranks(values_at_all_scales(solved) if windows is None else means, slack_of(solved))  # (shapes, indicators)
     members: dict[tuple[int, ...], list[int]] = {}
     for i, row in enumerate(rank.tolist()):
         members.setdefault(tuple(row), []).append(i)
     names, first = list(profiles), [same[0] for same in members.values()]
     nodes = [tuple(names[i] for i in same) for same in members.values()]
-    graph = nx.DiGraph()
+    graph = nx.DiGraph(windows=averaged)
     for node, i in zip(nodes, first, strict=True):
         graph.add_node(node, indicators=tuple(means[i].tolist()))
     for node, i in zip(nodes, first, strict=True):
@@ -93,8 +98,11 @@ def hasse_diagram(graph: "DiGraph") -> "DiGraph":
     """
     import networkx as nx
 
-    reduced = nx.transitive_reduction(graph)
+    kept = nx.transitive_reduction(graph)
+    reduced = nx.DiGraph(**graph.graph)
     reduced.add_nodes_from(graph.nodes(data=True))
+    # Its edges come out of sets, whose order changes from run to run; those of the graph do not.
+    reduced.add_edges_from(edge for edge in graph.edges if kept.has_edge(*edge))
     return reduced
 
 
@@ -176,6 +184,45 @@ def incomparable_pairs(graph: "DiGraph") -> list[tuple[Node, Node]]:
         [('b', 'c')]
     """
     return [(a, b) for a, b in combinations(graph, 2) if not graph.has_edge(a, b) and not graph.has_edge(b, a)]
+
+
+def kendall_tau(profiles: Sequence[ComplexityProfile]) -> Tensor:
+    """Agreement of a given order of shapes with that of their complexity, at each scale.
+
+    Of all pairs, the share in which the later shape is not the simpler one less the share in which it is: Kendall's
+    tau, except that two equal values count as agreement. Equal are values whose intervals overlap, each value give or
+    take twice the certified relative error of its field.
+
+    Args:
+        profiles: two or more, in the order in which the complexity is expected to grow, each of one shape that is not
+            empty, all of one estimator and on the same scales.
+
+    Returns:
+        (L,) float64 in [-1, 1], one for each of the profiles' scales; 1 if no pair contradicts the order.
+
+    Raises:
+        TypeError: an entry is no `ComplexityProfile`.
+        ValueError: fewer than two profiles, one of several shapes or of an empty one, or scales that differ.
+
+    Source: the modified Kendall tau of Arslan and Tari (2020).
+
+    Example:
+        >>> from torchlinf import complexity_profile, shapes
+        >>> masks = shapes.square(20), shapes.disc(20), shapes.disc(10)
+        >>> kendall_tau([complexity_profile(mask, scales=[0.5, 1.0], spatial_ndim=2) for mask in masks])
+        tensor([0.3333, 1.0000], dtype=torch.float64)
+    """
+    for i, profile in enumerate(profiles):
+        require_one_shape(i, profile)
+    if len(profiles) < 2:
+        raise ValueError(f"profiles must be two or more; got {len(profiles)}. An order is one of pairs.")
+    if any(profile.scales.tolist() != profiles[0].scales.tolist() for profile in profiles):
+        raise ValueError("profiles must be on the same scales; got several grids. Pass the same scales= for each.")
+    values = torch.stack([profile.values.flatten().cpu() for profile in profiles]).double()  # (N, L)
+    slack = torch.from_numpy(slack_of(profiles))[:, None]
+    first, later = torch.triu_indices(len(values), len(values), offset=1)
+    simpler = values[later] + slack[later] < values[first] - slack[first]  # (pairs, L)
+    return 1 - 2 * simpler.double().mean(dim=0)
 
 
 def _matched(graph: "DiGraph") -> tuple[dict[int, int], set[int]]:

@@ -1,11 +1,12 @@
 """Figures of masks, their level lines, and their complexity against scale. Needs the extra `plot` (matplotlib)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import ceil
 from typing import TYPE_CHECKING
 
 from torch import Tensor
 
+from torchlinf import _hasse
 from torchlinf._panels import (
     COLOURS,
     TITLES,
@@ -13,19 +14,23 @@ from torchlinf._panels import (
     axes_or_new,
     draw_legend,
     draw_levels,
+    draw_map,
     draw_profile,
     draw_regions,
     looks,
     page,
+    shares,
     shorten,
     slices,
     solve,
     solve_all,
 )  # fmt: skip
+from torchlinf.order import WINDOWS, Node, dominance
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from networkx import DiGraph
 
     from torchlinf.regions import DecisionRegions
 
@@ -115,6 +120,37 @@ def levels(mask: Tensor, *, of: str | Tensor = "field", color: str | None = None
     draw_levels(ax, values, color or COLOURS[0])
     ax.set(xlabel="column (pixels)", ylabel="row (pixels)", title=title)
     return ax
+
+
+def complexity_map(
+    mask: Tensor, *, low: float = 0.0, high: float = 1.0, top: float | None = None, ax: "Axes | None" = None
+) -> "Axes":
+    """Draw where the complexity of a shape sits: each pixel in the colour of its share, with a colour bar.
+
+    Args:
+        mask: one shape, (H, W) or (D, H, W), values 0 or 1, not empty. Of a volume the slice through its deepest voxel
+            is drawn.
+        low: lower end of the window of scales, excluded.
+        high: upper end of the window, included; 0 <= low < high <= 1.
+        top: the share in bits per pixel from which on all have the darkest colour; None means that 98 % of the pixels
+            with a share have less.
+        ax: where to draw; None makes a new figure.
+
+    Returns:
+        The axes, in pixels, of equal aspect, rows downwards; the title has the sum over the whole shape, in bits.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        TypeError: `mask` is no tensor.
+        ValueError: `mask` is empty, not binary, or neither 2-D nor 3-D; or low and high are no window.
+
+    Example:
+        >>> from torchlinf import plot, shapes
+        >>> plot.complexity_map(shapes.disc(16), high=0.25).get_title()
+        '... bits'
+    """
+    whole, drawn = shares(mask, low, high)
+    return draw_map(axes_or_new(ax), drawn, whole, top)
 
 
 def shapes(masks: Mapping[str, Tensor]) -> "Figure":
@@ -223,3 +259,42 @@ def decision_regions(regions: "DecisionRegions", *, ax: "Axes | None" = None) ->
             "decision_plane."
         )
     return draw_regions(axes_or_new(ax), regions)
+
+
+def hasse(
+    masks: Mapping[str, Tensor],
+    *,
+    order: "DiGraph | None" = None,
+    windows: Sequence[tuple[float, float]] | None = WINDOWS,
+    highlight: Sequence[Node] = (),
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Draw the Hasse diagram of a partial order of shapes: each line leads up to a shape that is more complex.
+
+    A shape is higher than another if a path of lines leads up to it; the others cannot be compared. Steps that follow
+    from others are left out. Shapes that are equal, within the certified error, stand together in a frame.
+
+    Args:
+        masks: the shapes by name, each as for `levels`. Up to about twenty stay readable.
+        order: the order, as `torchlinf.order.dominance` returns it; None makes it of the masks.
+        windows: the windows of scales by which it is made, or None for all scales; unused where `order` is given.
+        highlight: nodes to be drawn in another colour, with the lines from each to the next; a chain, for example.
+        ax: where to draw; None makes a new figure of a size that suits.
+
+    Returns:
+        The axes. Shapes are drawn with the longer side at 1, whatever their size in pixels; below are their names
+        and the means over the windows in bits.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        TypeError, ValueError: a mask or the windows cannot be used, or `order` has names that `masks` has not.
+
+    Example:
+        >>> from torchlinf import plot, shapes
+        >>> ax = plot.hasse({"disc": shapes.disc(16), "square": shapes.square(32), "box": shapes.box(9, 20)})
+        >>> len(ax.images), len(ax.lines)
+        (3, 1)
+    """
+    if order is None:
+        order = dominance(solve_all(masks), windows=windows)
+    return _hasse.draw_order(ax, order, masks, highlight)

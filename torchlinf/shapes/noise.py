@@ -1,10 +1,11 @@
 """Noise on the outline of a shape, as the paper adds it: ragged patches at random places of the boundary."""
 
+from functools import reduce
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn.functional import max_pool2d
 
 from torchlinf import _checks
 
@@ -67,7 +68,7 @@ def add_noise(shape: Tensor, factor: int, count: int, generator: torch.Generator
         near = slice(row - reach, row + reach + 1), slice(column - reach, column + reach + 1)
         canvas[near][2:-2, 2:-2] |= patch
         boundary[near][1:-1, 1:-1] = (canvas[near] & ~_eroded(canvas[near]))[1:-1, 1:-1]
-    return _boxed(_closed(torch.from_numpy(canvas), factor))
+    return _boxed(torch.from_numpy(_closed(canvas, factor)))
 
 
 def _normal(factor: int, size: int, generator: torch.Generator | None) -> NDArray[np.int64]:
@@ -95,10 +96,16 @@ def _eroded(mask: Mask) -> Mask:
     return eroded
 
 
-def _closed(mask: Tensor, side: int) -> Tensor:
+def _closed(mask: Mask, side: int) -> Mask:
     """Closing by a square: dilation, then erosion by its mirror image, which for an even side is another square."""
-    values = torch.nn.functional.pad(mask[None].float(), [side - 1] * 4)
-    return -max_pool2d(-max_pool2d(values, side, 1), side, 1)[0] > 0
+    return ~_dilated(~_dilated(np.pad(mask, side - 1), side), side)
+
+
+def _dilated(mask: Mask, side: int) -> Mask:
+    """Whether any pixel of each square within the array is inside, by rows and then by columns."""
+    height, width = mask.shape[0] - side + 1, mask.shape[1] - side + 1
+    rows = reduce(np.logical_or, (mask[i : i + height] for i in range(side)))
+    return reduce(np.logical_or, (rows[:, i : i + width] for i in range(side)))
 
 
 def _boxed(mask: Tensor) -> Tensor:

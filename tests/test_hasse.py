@@ -1,0 +1,277 @@
+"""Hasse diagrams: the layout against its definition, the figure against the order, and equality within the error."""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations, pairwise, permutations
+
+import matplotlib.pyplot as plt
+import networkx as nx
+import numpy as np
+import pytest
+import torch
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.image import AxesImage
+
+from torchlinf import ComplexityProfile, complexity_profile, plot, shapes
+from torchlinf._layers import Bend, crossings, layers
+from torchlinf.order import dominance, hasse_diagram, longest_chain
+
+FACES = [shapes.Appendage(face, 8, 8) for face in ("right", "top", "left")]
+MASKS = {
+    "square": shapes.square(32),
+    "disc": shapes.disc(20),
+    "small disc": shapes.disc(9),
+    "one": shapes.with_appendages((32, 32), FACES[:1]),
+    "two": shapes.with_appendages((32, 32), FACES[:2], margin=3),
+    "three": shapes.with_appendages((32, 32), FACES),
+    "bow": shapes.superellipse(17, 0.7),
+    "diamond": shapes.superellipse(17, 1.0),
+    "wide box": shapes.box(9, 40),
+    "a disc with a name too long to print": shapes.disc(13),
+}
+
+
+@pytest.fixture(autouse=True)
+def _close_figures() -> Iterator[None]:
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def profiles() -> dict[str, ComplexityProfile]:
+    return {name: complexity_profile(mask, spatial_ndim=2) for name, mask in MASKS.items()}
+
+
+def random_steps(seed: int, size: int = 9) -> nx.DiGraph:
+    """Hasse diagram of random points in the plane."""
+    points = np.random.default_rng(seed).random((size, 2))
+    graph = nx.DiGraph()
+    graph.add_nodes_from(range(size))
+    graph.add_edges_from((a, b) for a, b in permutations(range(size), 2) if (points[a] < points[b]).all())
+    return hasse_diagram(graph)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_ranks_are_longest_chains_and_edges_climb_rank_by_rank(seed: int) -> None:
+    graph = random_steps(seed)
+    found = layers(graph, {}, 1.0)
+    rank = {vertex: i for i, vertices in enumerate(found.ranks) for vertex in vertices}
+    assert len(rank) == sum(map(len, found.ranks)) == len(found.x)
+    for node in graph:
+        chains = [len(path) - 1 for low in graph for path in nx.all_simple_paths(graph, low, node)]
+        assert rank[node] == max(chains, default=0)
+    paths = [[a, *(Bend((a, b), i) for i in range(rank[a] + 1, rank[b])), b] for a, b in graph.edges]
+    expected = {frozenset(step) for path in paths for step in pairwise(path)}
+    assert {frozenset(step) for step in found.steps.edges} == expected
+    assert all(rank[vertex] == vertex.rank for vertex in rank if isinstance(vertex, Bend))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_neighbours_keep_their_order_and_their_distance(seed: int) -> None:
+    graph = random_steps(seed)
+    widths = {node: 1.0 + node % 3 for node in graph}
+    found = layers(graph, widths, 0.25)
+    for rank in found.ranks:
+        for a, b in pairwise(rank):
+            room = (widths.get(a, 0.0) + widths.get(b, 0.0)) / 2 + 0.25
+            assert found.x[b] - found.x[a] >= room - 1e-9
+    assert min(found.x[vertex] - widths.get(vertex, 0.0) / 2 for vertex in found.x) == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_crossings_are_pairs_of_lines_that_cross(seed: int) -> None:
+    """Lines cross if the product of their distances at the two ends is negative."""
+    generator = np.random.default_rng(seed)
+    lower, upper = [[("low", i) for i in range(5)], [("high", i) for i in range(6)]]
+    edges = [(a, b) for a in lower for b in upper if generator.random() < 0.4]
+    expected = sum((a[1] - c[1]) * (b[1] - d[1]) < 0 for (a, b), (c, d) in combinations(edges, 2))
+    graph = nx.Graph(edges)
+    graph.add_nodes_from([*lower, *upper])
+    assert crossings([lower, upper], graph) == expected > 0
+
+
+def test_what_can_be_drawn_without_crossings_is() -> None:
+    generator = np.random.default_rng(0)
+    tree = nx.bfs_tree(nx.balanced_tree(2, 3), 0)
+    pairs = nx.DiGraph((f"low {i}", f"high {j}") for i, j in enumerate(generator.permutation(8)))
+    ladders = nx.DiGraph([(i, i + 1) for i in range(5)] + [(0, "side"), ("side", 5), (1, "other"), ("other", 4)])
+    for graph in (tree, tree.reverse(), pairs, ladders):
+        shuffled = nx.DiGraph()
+        shuffled.add_nodes_from(generator.permutation(np.array([*graph], dtype=object)).tolist())
+        shuffled.add_edges_from(graph.edges)
+        found = layers(shuffled, {}, 1.0)
+        assert crossings(found.ranks, found.steps) == 0
+
+
+def test_few_lines_cross_in_general() -> None:
+    """Compared with every order of every rank, over graphs small enough for that."""
+
+    def product(ranks: list[list[object]]) -> Iterator[list[list[object]]]:
+        if not ranks:
+            yield []
+            return
+        for rest in product(ranks[1:]):
+            for first in permutations(ranks[0]):
+                yield [list(first), *rest]
+
+    surplus = []
+    for seed in range(40):
+        found = layers(random_steps(seed, size=6), {}, 1.0)
+        if np.prod([len(list(permutations(rank))) for rank in found.ranks]) < 3000:
+            least = min(crossings(ranks, found.steps) for ranks in product(found.ranks))
+            surplus.append(crossings(found.ranks, found.steps) - least)
+    assert len(surplus) > 20
+    assert sum(surplus) == 0
+
+
+def test_lines_run_straight_where_they_can_and_strangers_stand_by() -> None:
+    graph = nx.DiGraph([("a", "b"), ("b", "c"), ("a", "d"), ("d", "c")])
+    graph.add_node("alone")
+    x = layers(graph, dict.fromkeys(graph, 1.0), 0.5).x
+    assert x["a"] == pytest.approx(x["c"]) == pytest.approx((x["b"] + x["d"]) / 2)
+    assert abs(x["alone"] - x["a"]) == pytest.approx(1.5)
+
+
+def images(ax: Axes) -> dict[str, AxesImage]:
+    """The image of each shape, by the name below it, which may be cut at the front."""
+    middles = {image: np.mean(image.get_extent()[:2]) for image in ax.images}
+    found = {}
+    for text in ax.texts:
+        x, y = text.get_position()
+        (image,) = [i for i in ax.images if abs(middles[i] - x) < 1e-6 and 0 < i.get_extent()[2] - y < 0.1]
+        shown = text.get_text().split("\n")[0].removeprefix("…")
+        found[next(name for name in MASKS if name.endswith(shown) and (name == shown or len(shown) > 9))] = image
+    return found
+
+
+@pytest.mark.parametrize("windows", [((0.0, 0.25), (0.0, 1.0)), ((0.25, 1.0),), None])
+def test_the_figure_holds_the_order(profiles: dict[str, ComplexityProfile], windows) -> None:  # type: ignore[no-untyped-def]
+    steps = hasse_diagram(dominance(profiles, windows=windows))
+    ax = plot.hasse(MASKS, windows=windows)
+    assert len(ax.images) == len(ax.texts) == len(MASKS)
+    assert len(ax.patches) == sum(len(node) > 1 for node in steps)
+    at = images(ax)
+    for name, mask in MASKS.items():
+        left, right, bottom, top = at[name].get_extent()
+        pixels = at[name].get_array()
+        assert pixels.shape[1] / pixels.shape[0] == pytest.approx((right - left) / (top - bottom))
+        assert max(right - left, top - bottom) == pytest.approx(1.0)
+        assert pixels.sum() == mask.sum()
+    assert len(ax.lines) == len(steps.edges)
+    for (low, high), line in zip(steps.edges, ax.lines, strict=True):
+        x, y = line.get_data()
+        assert (np.diff(y) > 0).all()
+        assert y[0] > at[low[0]].get_extent()[3]
+        assert y[-1] < at[high[0]].get_extent()[2]
+        for node, end in ((low, x[0]), (high, x[-1])):
+            edges = [at[name].get_extent()[:2] for name in node]
+            assert np.min(edges) < end < np.max(edges)
+    in_words = {None: "(0, 1]", ((0.25, 1.0),): "(0.25, 1]"}.get(windows, "(0, 0.25] and (0, 1]")
+    assert ax.get_xlabel() == f"below each name: mean complexity over t in {in_words}, bits"
+    assert ax.get_ylabel() == "more complex →"
+
+
+def test_numbers_stand_below_the_names(profiles: dict[str, ComplexityProfile]) -> None:
+    texts = dict(text.get_text().split("\n") for text in plot.hasse(MASKS).texts)
+    found = profiles["bow"]
+    assert texts["bow"] == f"{float(found.mean(0.0, 0.25)):.2f}, {float(found.mean()):.2f}"
+    assert texts["square"] == "0.00, 0.00"
+
+
+@pytest.mark.parametrize("windows", [((0.0, 0.25), (0.0, 1.0)), None])
+def test_ten_shapes_fit_the_page(windows) -> None:  # type: ignore[no-untyped-def]
+    antichain = nx.DiGraph()
+    antichain.add_nodes_from((name,) for name in MASKS)
+    for ax in (plot.hasse(MASKS, windows=windows), plot.hasse(MASKS, order=antichain)):
+        figure = ax.figure
+        figure.canvas.draw()
+        width, height = figure.bbox.size
+        assert width <= 800
+        texts = [text.get_window_extent() for text in [*ax.texts, ax.xaxis.label, ax.yaxis.label] if text.get_text()]
+        for i, box in enumerate(texts):
+            assert -1 <= box.x0 < box.x1 <= width + 1
+            assert -1 <= box.y0 < box.y1 <= height + 1
+            assert not any(box.padded(-0.5).overlaps(other) for other in texts[:i])
+        for box in texts:
+            assert not any(image.get_window_extent().padded(-0.5).overlaps(box) for image in ax.images)
+
+
+def shaken(profile: ComplexityProfile, share: float, error: float) -> ComplexityProfile:
+    """The profile with all its levels moved by a share, and another certified error."""
+    return replace(
+        profile,
+        level_values=profile.level_values + share,
+        error_bound=torch.full_like(profile.error_bound, error),
+    )
+
+
+@pytest.mark.parametrize(("error", "frames"), [(1e-9, 1), (1e-11, 0)])
+def test_equal_within_the_certified_error_is_one_node(
+    error: float, frames: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disc, square = (complexity_profile(mask, spatial_ndim=2) for mask in (shapes.disc(9), shapes.square(9)))
+    solved = {"disc": shaken(disc, 0.0, error), "twin": shaken(disc, 1e-10, error), "square": square}
+    monkeypatch.setattr(plot, "solve_all", lambda masks: {name: solved[name] for name in masks})
+    ax = plot.hasse({"disc": shapes.disc(9), "twin": shapes.disc(9), "square": shapes.square(9)})
+    assert len(ax.patches) == frames
+    # The three are one above another unless two of them share a node.
+    assert len(ax.lines) == 2 - frames
+    heights = {image.get_extent()[2] for image in ax.images}
+    assert len(heights) == 3 - frames
+
+
+def test_many_equal_shapes_stand_in_a_square() -> None:
+    ax = plot.hasse({f"box {n}": shapes.box(n, 2 * n) for n in range(3, 8)})
+    assert sorted({round(image.get_extent()[0], 6) for image in ax.images}) == [0.0, 1.42, 2.84]
+    assert len({image.get_extent()[2] for image in ax.images}) == 2
+    assert len(ax.patches) == 1
+    frame = ax.patches[0].get_window_extent()
+    assert all(frame.contains(*corner) for text in ax.texts for corner in text.get_window_extent().corners())
+
+
+def test_a_chain_is_drawn_in_another_colour(profiles: dict[str, ComplexityProfile]) -> None:
+    order = dominance(profiles)
+    chain = longest_chain(order)
+    ax = plot.hasse(MASKS, order=order, highlight=chain)
+    assert sum(to_hex(line.get_color()) == plot.COLOURS[1].lower() for line in ax.lines) == len(chain) - 1 > 1
+    lit = {name for name, image in images(ax).items() if to_hex(image.get_cmap()(1.0)) == plot.COLOURS[1].lower()}
+    assert lit == {name for node in chain for name in node}
+
+
+def test_axes_may_be_given() -> None:
+    _, (left, right) = plt.subplots(1, 2, figsize=(8, 4))
+    assert plot.hasse(MASKS, ax=right) is right
+    assert right.images
+    assert not left.images
+
+
+def test_of_a_volume_the_deepest_slice_is_drawn() -> None:
+    volume = torch.zeros(9, 12, 15, dtype=torch.bool)
+    volume[0:3, 2:5, 2:5] = True
+    volume[2:9, 4:11, 6:14] = True
+    (image,) = plot.hasse({"volume": volume}).images
+    np.testing.assert_array_equal(image.get_array(), np.ones((7, 8)))
+
+
+def test_bad_input_is_refused_before_a_figure_is_opened(profiles: dict[str, ComplexityProfile]) -> None:
+    wrong = [
+        ({}, {}, ValueError, "at least one mask"),
+        ({"a": torch.zeros(3, 4)}, {}, ValueError, "at least one pixel inside"),
+        ({"a": torch.ones(1, 1, 3, 4)}, {}, ValueError, r"\(H, W\) or \(D, H, W\)"),
+        ({"a": np.ones((3, 4))}, {}, TypeError, "from_numpy"),
+        (MASKS, {"windows": ((0.5, 0.25),)}, ValueError, "low"),
+        ({"disc": MASKS["disc"]}, {"order": dominance(profiles)}, ValueError, "got 'square'. Pass its mask"),
+        (MASKS, {"order": nx.DiGraph()}, ValueError, "at least one shape"),
+    ]
+    for masks, options, error, words in wrong:
+        with pytest.raises(error, match=words):
+            plot.hasse(masks, **options)
+    assert plt.get_fignums() == []
+
+
+def test_without_matplotlib_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
+    with pytest.raises(ImportError, match=r"pip install 'torchlinf\[plot\]'"):
+        plot.hasse(MASKS)
