@@ -74,8 +74,8 @@ gallery(shapes.zero_complexity(32), columns=4)
 # %%
 # That is no rule. Below, the first two shapes consist of equal squares too, moved along no axis and no diagonal; their
 # spectrum has entropy zero, but the complexity sees the joint. On the other two the thickness falls from 64 pixels to
-# 63. The radius is 32 for both, and so the complexity is zero; for the spectrum there are two sizes. (Maragos enlarges a
-# block of 3 x 3 pixels, which gives the odd sides only. Then 63 and 64 are one size, and the last two are zero too.)
+# 63. The radius is 32 for both, and so the complexity is zero; for the spectrum there are two sizes. (Maragos enlarges
+# a block of 3 x 3 pixels, which gives the odd sides only. Then 63 and 64 are one size, and the last two are zero too.)
 
 
 def squares(side: int, *corners: tuple[int, int]) -> Tensor:
