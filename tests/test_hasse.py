@@ -263,6 +263,7 @@ def test_bad_input_is_refused_before_a_figure_is_opened(profiles: dict[str, Comp
         ({"a": np.ones((3, 4))}, {}, TypeError, "from_numpy"),
         (MASKS, {"windows": ((0.5, 0.25),)}, ValueError, "low"),
         ({"disc": MASKS["disc"]}, {"order": dominance(profiles)}, ValueError, "got 'square'. Pass its mask"),
+        (MASKS, {"highlight": ["disc"]}, ValueError, "got 'disc'. Pass tuples"),
         (MASKS, {"order": nx.DiGraph()}, ValueError, "at least one shape"),
     ]
     for masks, options, error, words in wrong:

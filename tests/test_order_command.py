@@ -3,6 +3,8 @@
 import csv
 import io
 import json
+import os
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -219,6 +221,25 @@ def test_wrong_usage(masks: Path, tmp_path: Path) -> None:
         result = run(app, command)
         assert (result.exit_code, result.stdout) == (2, ""), command
         assert words in result.stderr
+
+
+def test_a_picture_that_cannot_be_written(masks: Path, tmp_path: Path) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("the system has no device that is always full")
+    (tmp_path / "full.png").symlink_to("/dev/full")
+    result = run(app, ["order", str(masks), "--plot", str(tmp_path / "full.png")])
+    assert result.exit_code == 2
+    assert "The picture cannot be written (No space left on device)" in result.stderr
+    assert sorted(table(result.stdout)) == sorted(MASKS)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="closed pipes are reported as POSIX has them")
+def test_a_reader_who_leaves_ends_the_run_in_silence(masks: Path) -> None:
+    command = [sys.executable, "-m", "torchlinf", "order", str(masks)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        process.stdout.close()
+        assert process.wait(timeout=60) == 141
+        assert process.stderr.read() == ""
 
 
 def test_without_matplotlib_only_the_picture_fails(

@@ -59,13 +59,7 @@ class Diagram(NamedTuple):
 
 def draw_order(ax: "Axes | None", order: "DiGraph", masks: Mapping[str, Tensor], highlight: Sequence[Node]) -> "Axes":
     """Draw a Hasse diagram of shapes, in a figure of its own if there are no axes."""
-    missing = [name for node in order for name in node if name not in masks]
-    if missing or not order:
-        raise ValueError(
-            f"order must hold names of masks; got {missing[0]!r}. Pass its mask, or leave it out."
-            if missing
-            else "order must hold at least one shape; got none."
-        )
+    _check_names(order, masks, highlight)
     drawn = {name: silhouette(masks[name]) for node in order for name in node}
     room = WIDTH if ax is None else ax.get_window_extent().width / ax.figure.dpi
     diagram, unit = _lay_out(hasse_diagram(order), room)
@@ -84,6 +78,19 @@ def draw_order(ax: "Axes | None", order: "DiGraph", masks: Mapping[str, Tensor],
     if "windows" in order.graph:
         ax.set_xlabel(f"below each name: mean complexity over {in_words(order.graph['windows'])}, bits", fontsize=FONT)
     return ax
+
+
+def _check_names(order: "DiGraph", masks: Mapping[str, Tensor], highlight: Sequence[Node]) -> None:
+    if not order:
+        raise ValueError("order must hold at least one shape; got none. Pass the order of at least one mask.")
+    for name in (name for node in order for name in node):
+        if name not in masks:
+            raise ValueError(f"order must hold names of masks; got {name!r}. Pass its mask, or leave it out.")
+    for node in highlight:
+        if node not in order:
+            raise ValueError(
+                f"highlight must hold nodes of the order; got {node!r}. Pass tuples of all names that are equal."
+            )
 
 
 def in_words(windows: Sequence[tuple[float, float]]) -> str:

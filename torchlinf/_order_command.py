@@ -84,31 +84,38 @@ def order(
         require_matplotlib("torchlinf order --plot")
         check_picture(plot, sources, MAX_DRAWN)
     try:
-        shapes = _read(sources, threshold, invert, max_pixels)
-        if shapes:
-            found = dominance({name: solved for name, (_, solved) in shapes.items()}, windows=compared)
-            titles = {source.name: title(source, sources) for source in sources if source.name in shapes}
+        masks: dict[str, NDArray[np.bool_]] = {}  # stays empty without a picture: many masks need much memory
+        profiles = _solve(sources, threshold, invert, max_pixels, None if plot is None else masks)
+        if profiles:
+            found = dominance(profiles, windows=compared)
+            titles = {source.name: title(source, sources) for source in sources if source.name in profiles}
             _print(found, titles, as_json)
             if plot is not None:
-                _draw(plot, found, titles, {name: mask for name, (mask, _) in shapes.items()})
+                _draw(plot, found, titles, masks)
     except KeyboardInterrupt:
         raise typer.Exit(INTERRUPTED) from None
     except BrokenPipeError:
         raise typer.Exit(PIPE_CLOSED) from None
-    if len(shapes) < len(sources):
+    if len(profiles) < len(sources):
         raise typer.Exit(1)
 
 
-def _read(
-    sources: list[Source], threshold: float | None, invert: bool, max_pixels: int
-) -> dict[str, tuple[NDArray[np.bool_], ComplexityProfile]]:
-    """Masks and their profiles; what is wrong with one goes to standard error."""
+def _solve(
+    sources: list[Source],
+    threshold: float | None,
+    invert: bool,
+    max_pixels: int,
+    masks: dict[str, NDArray[np.bool_]] | None,
+) -> dict[str, ComplexityProfile]:
+    """Profiles by the names of the sources; what is wrong with one goes to standard error. Masks go to `masks`."""
     found = {}
     with Console(stderr=True).status(f"solving {len(sources)} masks"):
         for source in sources:
             try:
                 inside = read_shape(source, threshold, invert, max_pixels)
-                found[source.name] = inside, profile_crops([inside].__getitem__, 1)
+                found[source.name] = profile_crops([inside].__getitem__, 1)
+                if masks is not None:
+                    masks[source.name] = inside
             except UnreadableMaskError as error:
                 typer.echo(f"{source.name}: {error}", err=True)
             except Exception as error:
