@@ -1,4 +1,4 @@
-"""Where the table of a command goes: refused before the work if it can be, and explained when it ends early."""
+"""The tables that a command reads and writes: what is refused, before the work if it can be, and in which words."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,9 +8,9 @@ from typing import NoReturn
 import typer
 
 from torchlinf._readers import SUFFIXES
-from torchlinf._rows import NoTableError
+from torchlinf._rows import NoTableError, Score
 from torchlinf._sources import Source
-from torchlinf._tables import JOURNAL
+from torchlinf._tables import JOURNAL, read_table
 from torchlinf._workers import NoWorkersError
 
 # 128 + the number of the signal, as a shell reports a program that SIGINT (Ctrl-C) or SIGPIPE (`| head`) ended.
@@ -45,6 +45,18 @@ def fail(message: str) -> NoReturn:
     """End the command with a message."""
     typer.echo(message, err=True)
     raise typer.Exit(WRONG) from None
+
+
+def load_table(path: Path) -> list[Score]:
+    """Read a table, or end the command with the reason why it is none."""
+    try:
+        return list(read_table(path))
+    except OSError as error:
+        fail(f"{path} cannot be read ({error.strerror or error}).")
+    except NoTableError as error:
+        fail(f"{path} is no table of `torchlinf score`: {error}.")
+    except ImportError as error:
+        fail(str(error))
 
 
 def check_out(out: Path | None, as_json: bool, overwrite: bool, retry: bool) -> None:

@@ -1,4 +1,4 @@
-"""The command `torchlinf`: scores of mask files as a table, and profiles as a picture."""
+"""The command `torchlinf`: scores of masks as a table, two tables compared, and profiles as a picture."""
 
 import logging
 import os
@@ -15,9 +15,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from torchlinf import __version__
-from torchlinf._outputs import INTERRUPTED, PIPE_CLOSED, WRONG, check_out, endings, refuse_source
+from torchlinf._outputs import INTERRUPTED, PIPE_CLOSED, WRONG, check_out, endings, fail, load_table, refuse_source
 from torchlinf._pictures import check_picture, draw, require_matplotlib, shape, title
 from torchlinf._readers import SUFFIXES
+from torchlinf._terminal import print_comparison
+from torchlinf.comparison import COMPARED, Column, Join, compare_scores, write_pairs
 from torchlinf.scoring import (
     COLUMNS,
     MAX_PIXELS,
@@ -30,6 +32,7 @@ from torchlinf.scoring import (
 )
 
 STATUS = "Exit status: 0 all fine, 1 some masks failed, 2 wrong usage or an output that cannot be written."
+COMPARED_STATUS = "Exit status: 0 all masks are compared, 1 some are in one table only or failed, 2 nothing to compare."
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -166,6 +169,34 @@ def profile(
     if masks:
         draw(plot, masks)
     if len(masks) < len(sources):
+        raise typer.Exit(1)
+
+
+@app.command(epilog=COMPARED_STATUS)
+def compare(
+    old: Annotated[Path, typer.Argument(metavar="OLD", help="A table of torchlinf score, or a folder of them.")],
+    new: Annotated[Path, typer.Argument(metavar="NEW", help="Another, of other masks of the same things.")],
+    join: Annotated[Join, typer.Option(help="Which rows are the same mask.")] = "path",
+    column: Annotated[Column, typer.Option(help="What to compare.")] = "complexity",
+    largest: Annotated[int, typer.Option(min=0, metavar="N", help="How many of the largest changes to show.")] = 10,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write both numbers of every mask here, as CSV.")
+    ] = None,
+) -> None:
+    """Compare two tables of scores: old and new masks of one data set."""
+    if out is not None and any(out.exists() and table.exists() and out.samefile(table) for table in (old, new)):
+        raise typer.BadParameter(f"{out} is one of the tables", param_hint="--out")
+    try:
+        found = compare_scores(load_table(old), load_table(new), column=column, join=join)
+    except ValueError as error:
+        fail(f"{error}.")
+    if not found.counts[COMPARED] and not any("failed" in status for status in found.counts):
+        fail(f"no mask of the two tables has the same {join}. Pass --join folder, name or stem.")
+    print_comparison(found, largest)
+    if out is not None:
+        with endings(out):
+            write_pairs(out, found.pairs)
+    if found.counts[COMPARED] < len(found.pairs):
         raise typer.Exit(1)
 
 
