@@ -48,7 +48,7 @@ def print_comparison(found: "Comparison", largest: int) -> None:
     from rich.table import Table
 
     console = Console(highlight=False)
-    for status, count in found.counts.items():
+    for status, count in found.counts.most_common():
         console.print(f"{count:>9,} {status}")
     changes = found.changes
     if changes.size:
