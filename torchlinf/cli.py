@@ -1,4 +1,4 @@
-"""The command `torchlinf`: scores of mask files as a table, and profiles as a picture."""
+"""The command `torchlinf`: scores of masks as a table, two tables compared, and profiles as a picture."""
 
 import logging
 import os
@@ -15,8 +15,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from torchlinf import __version__, _order_command
+from torchlinf._outputs import INTERRUPTED, PIPE_CLOSED, WRONG, check_out, endings, fail, load_table, refuse_source
 from torchlinf._pictures import check_picture, read_shape, require_matplotlib, title
 from torchlinf._readers import SUFFIXES
+from torchlinf._terminal import print_comparison
+from torchlinf.comparison import COMPARED, Column, Join, compare_scores, write_pairs
 from torchlinf.scoring import (
     COLUMNS,
     MAX_PIXELS,
@@ -28,13 +31,11 @@ from torchlinf.scoring import (
     score_masks,
 )
 
-# 128 + the number of the signal, as a shell reports a program that SIGINT (Ctrl-C) or SIGPIPE (`| head`) ended.
-INTERRUPTED, PIPE_CLOSED = 130, 141
-
 # More masks than this leave too little of the page for each.
 MAX_DRAWN = 12
 
 STATUS = "Exit status: 0 all fine, 1 some masks failed, 2 wrong usage or an output that cannot be written."
+COMPARED_STATUS = "Exit status: 0 all masks are compared, 1 some are in one table only or failed, 2 nothing to compare."
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -46,12 +47,22 @@ app = typer.Typer(
 
 Paths = Annotated[
     list[Path],
-    typer.Argument(metavar="PATH", help="Masks (PNG, GIF, TIFF, BMP, JPEG, .npy, .npz), or folders of them."),
+    typer.Argument(
+        metavar="PATH",
+        help="Masks (PNG, GIF, TIFF, BMP, JPEG, .npy, .npz), folders of them, patterns in quotes, tar archives, and "
+        "COCO files (.json).",
+    ),
 ]
 Out = Annotated[
-    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the table here, each row when it is done.")
+    Path | None,
+    typer.Option("--out", "-o", metavar="FILE", help="Write the table here: .csv, .jsonl or .parquet. It is resumed."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object a line instead of CSV.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Begin the table anew instead of resuming it.")]
+Retry = Annotated[bool, typer.Option("--retry", help="Of what is in the table, score anew what failed.")]
+Members = Annotated[
+    str | None, typer.Option("--members", metavar="PATTERN", help="Which members of tar archives are masks.")
+]
 Workers = Annotated[
     int | None,
     typer.Option("--workers", "-w", min=1, metavar="N", help="Masks worked on at a time.", show_default="all cores"),
@@ -78,7 +89,7 @@ def main() -> None:
     try:
         app()
     except SystemExit as stop:
-        if stop.code in (INTERRUPTED, PIPE_CLOSED):
+        if stop.code in (WRONG, INTERRUPTED, PIPE_CLOSED):
             # An ordinary exit would first wait for the masks that other threads are still solving.
             with suppress(OSError):
                 sys.stdout.flush()
@@ -107,44 +118,46 @@ def score(
     paths: Paths,
     out: Out = None,
     as_json: AsJson = False,
+    overwrite: Overwrite = False,
+    retry: Retry = False,
     threshold: Threshold = None,
     invert: Invert = False,
+    members: Members = None,
     workers: Workers = None,
     max_pixels: MaxPixels = MAX_PIXELS,
     ray: Ray = None,
 ) -> None:
     """Score masks: one row of numbers a mask.
 
-    Without --out the table goes to the terminal, or as CSV into a pipe. A file that cannot be scored gives a row that
-    says why, and the rest go on. Ctrl-C leaves a table of whole rows.
+    Without --out the table goes to the terminal, or as CSV into a pipe. A mask that cannot be scored gives a row that
+    says why, and the rest go on. Masks whose rows are in the table already are not scored again: stopped by Ctrl-C, a
+    kill or a full disk, the same command goes on where it was.
     """
     if ray is not None:
         from torchlinf._ray_command import score_on_ray
 
         score_on_ray(paths, out, ray, workers or _cores(), (threshold, invert, max_pixels), _progress)
         return
-    sources = _find(paths)
-    if out is not None and out.suffix.lower() in SUFFIXES:
-        raise typer.BadParameter(f"{out} has the name of a mask; pass for example scores.csv", param_hint="--out")
+    check_out(out, as_json, overwrite, retry)
     workers = workers or _cores()
     torch.set_num_threads(max(1, _cores() // workers))
-    done = failed = 0
-    try:
-        with open_table(out, as_json) as put, _progress(len(sources), shown=out is not None or not as_json) as advance:
-            rows = score_masks(sources, threshold=threshold, invert=invert, max_pixels=max_pixels, workers=workers)
-            for row in rows:
-                put(row)
-                done, failed = done + 1, failed + (row.error is not None)
-                advance()
-    except KeyboardInterrupt:
-        raise typer.Exit(INTERRUPTED) from None
-    except BrokenPipeError:
-        raise typer.Exit(PIPE_CLOSED) from None
-    except OSError as error:
-        typer.echo(f"The table cannot be written ({error.strerror}); it ends after {done} rows.", err=True)
-        raise typer.Exit(2) from None
+    failed = 0
+    with endings(out):
+        sources = _find(paths, members)
+        refuse_source(out, sources)
+        with open_table(out, as_json, resume=not overwrite, retry=retry) as put:
+            new = [source for source in sources if source.name not in put.done]
+            failed += sum(put.done.get(source.name) is not None for source in sources)
+            if before := len(sources) - len(new):
+                typer.echo(f"{before} of {len(sources)} masks are in {out} already.", err=True)
+            with _progress(before, len(sources), shown=out is not None or not as_json) as advance:
+                for row in score_masks(new, threshold=threshold, invert=invert, max_pixels=max_pixels, workers=workers):
+                    put(row)
+                    failed += row.error is not None
+                    advance()
     if failed:
-        typer.echo(f"{failed} of {done} masks failed; the column 'error' says why.", err=True)
+        advice = "" if out is None else " --retry scores them again."
+        typer.echo(f"{failed} of {len(sources)} masks failed; the column 'error' says why.{advice}", err=True)
         raise typer.Exit(1)
 
 
@@ -176,10 +189,39 @@ def profile(
 app.command(epilog=_order_command.EPILOG)(_order_command.order)
 
 
-def _find(paths: list[Path]) -> list[Source]:
-    sources = find_masks(paths)
+@app.command(epilog=COMPARED_STATUS)
+def compare(
+    old: Annotated[Path, typer.Argument(metavar="OLD", help="A table of torchlinf score, or a folder of them.")],
+    new: Annotated[Path, typer.Argument(metavar="NEW", help="Another, of other masks of the same things.")],
+    join: Annotated[Join, typer.Option(help="Which rows are the same mask.")] = "path",
+    column: Annotated[Column, typer.Option(help="What to compare.")] = "complexity",
+    largest: Annotated[int, typer.Option(min=0, metavar="N", help="How many of the largest changes to show.")] = 10,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write both numbers of every mask here, as CSV.")
+    ] = None,
+) -> None:
+    """Compare two tables of scores: old and new masks of one data set."""
+    if out is not None and any(out.exists() and table.exists() and out.samefile(table) for table in (old, new)):
+        raise typer.BadParameter(f"{out} is one of the tables", param_hint="--out")
+    try:
+        found = compare_scores(load_table(old), load_table(new), column=column, join=join)
+    except ValueError as error:
+        fail(f"{error}.")
+    if not found.counts[COMPARED] and not any("failed" in status for status in found.counts):
+        fail(f"no mask of the two tables has the same {join}. Pass --join folder, name or stem.")
+    print_comparison(found, largest)
+    if out is not None:
+        with endings(out):
+            write_pairs(out, found.pairs)
+    if found.counts[COMPARED] < len(found.pairs):
+        raise typer.Exit(1)
+
+
+def _find(paths: list[Path], members: str | None = None) -> list[Source]:
+    with Console(stderr=True).status("looking for masks"):
+        sources = find_masks(paths, members=members)
     if not sources:
-        known = " ".join(SUFFIXES)
+        known = " ".join((*SUFFIXES, ".tar"))
         raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}; looked for {known}")
     return sources
 
@@ -190,11 +232,11 @@ def _cores() -> int:
 
 
 @contextmanager
-def _progress(total: int, shown: bool) -> Iterator[Callable[[], None]]:
+def _progress(done: int, total: int, shown: bool) -> Iterator[Callable[[], None]]:
     columns = (TextColumn("scoring"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not (shown and console.is_terminal)) as progress:
-        task = progress.add_task("scoring", total=total)
+        task = progress.add_task("scoring", total=total, completed=done)
         yield lambda: progress.advance(task)
 
 

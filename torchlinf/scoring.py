@@ -35,6 +35,7 @@ __all__ = [
     "read_table",
     "score_mask",
     "score_masks",
+    "score_source",
 ]
 
 LONGEST = 500  # characters of an error: some quote what they found

@@ -1,0 +1,117 @@
+"""How many silhouettes of 128 x 128 pixels does a core score a second, and what do two workers gain?"""
+
+import os
+import statistics
+import tempfile
+import time
+from dataclasses import dataclass
+from itertools import cycle, islice
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from benchmarks import shapes
+from benchmarks.timing import alternate
+from torchlinf._workers import in_order
+from torchlinf.scoring import Source, find_masks, read_source, score_source
+
+
+@dataclass(frozen=True)
+class Worker:
+    """Of a number of workers, in a turn: masks a second on the clock, and processor milliseconds a mask of all."""
+
+    rate: float
+    each: float
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Processor milliseconds a mask in one process, all and for reading, and turns with one and with two workers."""
+
+    each: float
+    reading: float
+    one: list[Worker]
+    two: list[Worker]
+
+    @property
+    def gains(self) -> list[float]:
+        """How many times as many masks a second two workers score, turn by turn."""
+        return [two.rate / one.rate for one, two in zip(self.one, self.two, strict=True)]
+
+    @property
+    def dearer(self) -> float:
+        """How many times as much processor time a mask costs with two workers, the median of the turns."""
+        return statistics.median(two.each / one.each for one, two in zip(self.one, self.two, strict=True))
+
+
+def run(side: int = 128, count: int = 40, masks: int = 1500, rounds: int = 5) -> Answer:
+    """Read and score in one process, then in turns with one and with two workers that score the same masks."""
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder), side, count)
+        sources = find_masks([folder])
+        times = alternate(
+            {
+                "score": lambda: [score_source(source) for source in sources],
+                "read": lambda: [read_source(source) for source in sources],
+            },
+            rounds=rounds,
+        )
+        score, read = (1e3 * statistics.median(times[name].cpu) / len(sources) for name in ("score", "read"))
+        one, two = [], []
+        for _ in range(rounds):
+            one.append(turn(sources, 1, masks))
+            two.append(turn(sources, 2, masks))
+        return Answer(score, read, one, two)
+
+
+def turn(sources: list[Source], workers: int, masks: int) -> Worker:
+    """Score masks by worker processes, after all of these have scored some."""
+    done = in_order(clocked, cycle(sources), workers=workers, seconds=_seconds, died=_died, isolated=True)
+    seen = {next(done).process for _ in range(masks // 4 + 1)}
+    while len(seen) < workers:
+        seen.add(next(done).process)
+    began = time.perf_counter()
+    clocks = list(islice(done, masks))
+    seconds = time.perf_counter() - began
+    done.close()
+    used, found = 0.0, {clock.process for clock in clocks}
+    for process in found:
+        readings = [clock.used for clock in clocks if clock.process == process]
+        used += readings[-1] - readings[0]
+    return Worker(masks / seconds, 1e3 * used / (max(1, masks - len(found))))
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Which process scored a mask, in how many seconds, and the processor seconds it has used since it started."""
+
+    process: int
+    seconds: float
+    used: float
+
+
+def clocked(source: Source) -> Clock:
+    """Score a mask in a worker."""
+    row = score_source(source)
+    if row.error:
+        raise AssertionError(f"all masks must be scored; {row.path}: {row.error}")
+    return Clock(os.getpid(), row.seconds or 0.0, time.process_time())
+
+
+def _seconds(clock: Clock) -> float:
+    return clock.seconds
+
+
+def _died(source: Source) -> Clock:
+    raise AssertionError(f"no worker may end; one did with {source.name}")
+
+
+def write(folder: Path, side: int, count: int) -> None:
+    """Silhouettes of `side` pixels along the longer side, in the middle of a square."""
+    for number, shape in enumerate(shapes.silhouettes(count, side)):
+        square = np.zeros((side, side), dtype=np.uint8)
+        height, width = shape.mask.shape
+        top, left = (side - height) // 2, (side - width) // 2
+        square[top : top + height, left : left + width] = 255 * shape.mask.numpy()
+        Image.fromarray(square).save(folder / f"{number:03}.png")
