@@ -126,6 +126,17 @@ def test_few_lines_cross_in_general() -> None:
     assert sum(surplus) == 0
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_no_swap_of_neighbours_saves_a_crossing(seed: int) -> None:
+    found = layers(random_steps(seed, size=16), {}, 1.0)
+    least = crossings(found.ranks, found.steps)
+    assert least > 0
+    for i, rank in enumerate(found.ranks):
+        for j in range(len(rank) - 1):
+            swapped = [*rank[:j], rank[j + 1], rank[j], *rank[j + 2 :]]
+            assert crossings([*found.ranks[:i], swapped, *found.ranks[i + 1 :]], found.steps) >= least
+
+
 def test_lines_run_straight_where_they_can_and_strangers_stand_by() -> None:
     graph = nx.DiGraph([("a", "b"), ("b", "c"), ("a", "d"), ("d", "c")])
     graph.add_node("alone")
@@ -171,6 +182,18 @@ def test_the_figure_holds_the_order(profiles: dict[str, ComplexityProfile], wind
     in_words = {None: "(0, 1]", ((0.25, 1.0),): "(0.25, 1]"}.get(windows, "(0, 0.25] and (0, 1]")
     assert ax.get_xlabel() == f"below each name: mean complexity over t in {in_words}, bits"
     assert ax.get_ylabel() == "more complex →"
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_lines_keep_clear_of_the_shapes_between(seed: int) -> None:
+    names = list(MASKS)
+    order = nx.transitive_closure(nx.relabel_nodes(random_steps(seed), lambda i: (names[i],)))
+    ax = plot.hasse(MASKS, order=order)
+    inside = [np.array(image.get_extent()) for image in ax.images]
+    for line in ax.lines:
+        x, y = (np.concatenate([np.linspace(*ends, 50) for ends in pairwise(values)]) for values in line.get_data())
+        for left, right, bottom, top in inside:
+            assert not ((left < x) & (x < right) & (bottom < y) & (y < top)).any()
 
 
 def test_numbers_stand_below_the_names(profiles: dict[str, ComplexityProfile]) -> None:

@@ -106,6 +106,8 @@ def _untangled(ranks: list[list[Hashable]], steps: "Graph") -> list[list[Hashabl
         ranks = _swapped(ranks, steps)
         if crossings(ranks, steps) < least:
             best, least = ranks, crossings(ranks, steps)
+    while crossings(swapped := _swapped(best, steps), steps) < least:
+        best, least = swapped, crossings(swapped, steps)
     return best
 
 
