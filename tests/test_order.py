@@ -7,6 +7,7 @@ import networkx as nx
 import numpy as np
 import pytest
 import torch
+from problems import random_order
 
 from torchlinf import ComplexityProfile, complexity_profile, shapes
 from torchlinf.order import (
@@ -39,15 +40,6 @@ def profiles() -> dict[str, ComplexityProfile]:
         "three": shapes.with_appendages((32, 32), faces),
     }
     return {name: profile(mask) for name, mask in masks.items()}
-
-
-def random_order(seed: int, size: int = 7) -> nx.DiGraph:
-    """The order of random points in the plane, which has chains and antichains of all lengths."""
-    points = np.random.default_rng(seed).random((size, 2))
-    graph = nx.DiGraph()
-    graph.add_nodes_from(range(size))
-    graph.add_edges_from((a, b) for a, b in permutations(range(size), 2) if (points[a] < points[b]).all())
-    return graph
 
 
 @pytest.mark.parametrize("windows", [((0.0, 0.25), (0.0, 1.0)), ((0.0, 0.5),), None])

@@ -96,16 +96,14 @@ def _with_bends(graph: "DiGraph") -> tuple[list[list[Hashable]], "Graph"]:
 
 
 def _untangled(ranks: list[list[Hashable]], steps: "Graph") -> list[list[Hashable]]:
-    """Sort every rank by the barycentres of its neighbours below, then above, and so on; swap what then still helps."""
-    best, least = ranks, crossings(ranks, steps)
+    """Sort every rank by the barycentres of its neighbours below, then above, and so on; keep the best."""
+    best = _settled(ranks, steps)
     for sweep in range(SWEEPS):
         ranks = ranks[:: 1 if sweep % 2 else -1]
         for i in range(1, len(ranks)):
             ranks[i] = _sorted(ranks[i], ranks[i - 1], steps)
-        ranks = ranks[:: 1 if sweep % 2 else -1]
-        ranks = _swapped(ranks, steps)
-        if crossings(ranks, steps) < least:
-            best, least = ranks, crossings(ranks, steps)
+        ranks = _settled(ranks[:: 1 if sweep % 2 else -1], steps)
+        best = min(best, ranks, key=lambda found: crossings(found, steps))
     return best
 
 
@@ -119,15 +117,21 @@ def _sorted(rank: list[Hashable], fixed: list[Hashable], steps: "Graph") -> list
     return [rank[i] for i in sorted(range(len(rank)), key=barycentre)]
 
 
-def _swapped(ranks: list[list[Hashable]], steps: "Graph") -> list[list[Hashable]]:
+def _settled(ranks: list[list[Hashable]], steps: "Graph") -> list[list[Hashable]]:
+    """Swap neighbours until no swap saves a crossing."""
     ranks = [list(rank) for rank in ranks]
-    for i, rank in enumerate(ranks):
-        near = slice(max(i - 1, 0), i + 2)
-        for j in range(len(rank) - 1):
-            before = crossings(ranks[near], steps)
-            rank[j], rank[j + 1] = rank[j + 1], rank[j]
-            if crossings(ranks[near], steps) >= before:
+    saved = True
+    while saved:
+        saved = False
+        for i, rank in enumerate(ranks):
+            near = slice(max(i - 1, 0), i + 2)
+            for j in range(len(rank) - 1):
+                before = crossings(ranks[near], steps)
                 rank[j], rank[j + 1] = rank[j + 1], rank[j]
+                if crossings(ranks[near], steps) < before:
+                    saved = True
+                else:
+                    rank[j], rank[j + 1] = rank[j + 1], rank[j]
     return ranks
 
 
