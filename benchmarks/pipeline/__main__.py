@@ -37,7 +37,7 @@ def _files(answer: files.Answer) -> str:
         f"| of which reading | {100 * answer.reading / answer.each:.0f} % |\n"
         f"| one worker, masks a second on the clock | {median(rates):.0f} |\n"
         f"| two workers, times as many | {median(gains):.2f} ({min(gains):.2f} to {max(gains):.2f}) |\n"
-        f"| two workers, times the processor time a mask | {answer.dearer:.2f} |\n"
+        f"| the same by processor time, on two cores that do nothing else | {answer.gain_of_two_cores:.2f} |\n"
     )
 
 

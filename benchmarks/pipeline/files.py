@@ -4,6 +4,7 @@ import os
 import statistics
 import tempfile
 import time
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from itertools import cycle, islice
 from pathlib import Path
@@ -19,10 +20,11 @@ from torchlinf.scoring import Source, find_masks, read_source, score_source
 
 @dataclass(frozen=True)
 class Worker:
-    """Of a number of workers, in a turn: masks a second on the clock, and processor milliseconds a mask of all."""
+    """A turn: masks a second on the clock, and processor milliseconds a mask, of the workers and of their parent."""
 
     rate: float
     each: float
+    parent: float
 
 
 @dataclass(frozen=True)
@@ -40,12 +42,17 @@ class Answer:
         return [two.rate / one.rate for one, two in zip(self.one, self.two, strict=True)]
 
     @property
-    def dearer(self) -> float:
-        """How many times as much processor time a mask costs with two workers, the median of the turns."""
-        return statistics.median(two.each / one.each for one, two in zip(self.one, self.two, strict=True))
+    def gain_of_two_cores(self) -> float:
+        """The same by processor time, the median of the turns: what it is where nothing else runs on two cores.
+
+        One worker and its parent have a core each, of which the worker fills its own. Two share both with the parent.
+        """
+        return statistics.median(
+            2 * one.each / (two.each + two.parent) for one, two in zip(self.one, self.two, strict=True)
+        )
 
 
-def run(side: int = 128, count: int = 40, masks: int = 1500, rounds: int = 5) -> Answer:
+def run(side: int = 128, count: int = 40, masks: int = 300, rounds: int = 5) -> Answer:
     """Read and score in one process, then in turns with one and with two workers that score the same masks."""
     with tempfile.TemporaryDirectory() as folder:
         write(Path(folder), side, count)
@@ -58,28 +65,11 @@ def run(side: int = 128, count: int = 40, masks: int = 1500, rounds: int = 5) ->
             rounds=rounds,
         )
         score, read = (1e3 * statistics.median(times[name].cpu) / len(sources) for name in ("score", "read"))
-        one, two = [], []
-        for _ in range(rounds):
-            one.append(turn(sources, 1, masks))
-            two.append(turn(sources, 2, masks))
-        return Answer(score, read, one, two)
-
-
-def turn(sources: list[Source], workers: int, masks: int) -> Worker:
-    """Score masks by worker processes, after all of these have scored some."""
-    done = in_order(clocked, cycle(sources), workers=workers, seconds=_seconds, died=_died, isolated=True)
-    seen = {next(done).process for _ in range(masks // 4 + 1)}
-    while len(seen) < workers:
-        seen.add(next(done).process)
-    began = time.perf_counter()
-    clocks = list(islice(done, masks))
-    seconds = time.perf_counter() - began
-    done.close()
-    used, found = 0.0, {clock.process for clock in clocks}
-    for process in found:
-        readings = [clock.used for clock in clocks if clock.process == process]
-        used += readings[-1] - readings[0]
-    return Worker(masks / seconds, 1e3 * used / (max(1, masks - len(found))))
+        one, two = start(sources, 1), start(sources, 2)
+        turns = [(turn(one, masks), turn(two, masks)) for _ in range(2 * rounds)]
+        one.close()
+        two.close()
+        return Answer(score, read, *map(list, zip(*turns, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -97,6 +87,29 @@ def clocked(source: Source) -> Clock:
     if row.error:
         raise AssertionError(f"all masks must be scored; {row.path}: {row.error}")
     return Clock(os.getpid(), row.seconds or 0.0, time.process_time())
+
+
+def start(sources: list[Source], workers: int) -> Generator[Clock]:
+    """Workers that score the masks again and again, all of which have begun."""
+    done = in_order(clocked, cycle(sources), workers=workers, seconds=_seconds, died=_died, isolated=True)
+    seen: set[int] = set()
+    while len(seen) < workers:
+        seen.add(next(done).process)
+    yield from done
+
+
+def turn(done: Iterator[Clock], masks: int) -> Worker:
+    """Score masks, after as many that do not count: some of those were scored before the turn."""
+    for _ in islice(done, masks):
+        pass
+    began, parent = time.perf_counter(), time.process_time()
+    clocks = list(islice(done, masks))
+    seconds, parent = time.perf_counter() - began, time.process_time() - parent
+    used, found = 0.0, {clock.process for clock in clocks}
+    for process in found:
+        readings = [clock.used for clock in clocks if clock.process == process]
+        used += readings[-1] - readings[0]
+    return Worker(masks / seconds, 1e3 * used / max(1, masks - len(found)), 1e3 * parent / masks)
 
 
 def _seconds(clock: Clock) -> float:
