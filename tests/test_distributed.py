@@ -1,5 +1,6 @@
 """Masks on Ray: the rows of the local run, whoever is killed; and batches of masks for pipelines."""
 
+import contextlib
 import logging
 import os
 import re
@@ -99,17 +100,24 @@ def test_a_killed_driver_is_started_again(cluster: None, tmp_path: Path) -> None
     data.mkdir()
     for number in range(12):
         tar(data / f"{number:02}.tar", 60, seed=100 * number)
-    out, sign = tmp_path / "out", uuid.uuid4().hex
+    out = tmp_path / "out"
     command = [sys.executable, "-m", "torchlinf", "score", data, "--out", out, "--ray", "local", "--workers", "1"]
-    driver = subprocess.Popen(command, env=os.environ | {"SIGN": sign}, stderr=subprocess.DEVNULL)
+    driver = subprocess.Popen(command, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
     while not list(out.glob("*.parquet")) and time.monotonic() < deadline and driver.poll() is None:
         time.sleep(0.01)
+    started = descendants(driver.pid)
     driver.kill()
     driver.wait()
-    while (left := signed(sign)) and time.monotonic() < deadline:  # Ray's processes see that they are alone
+    # Ray's processes see that they are alone: its agents after a minute, which is not waited for, the others at once.
+    while any(running(pid) for pid in started if "Agent" not in started[pid]) and time.monotonic() < deadline:
         time.sleep(0.1)
-    assert left == []
+    left = [pid for pid in started if running(pid)]
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    assert any("raylet" in name for name in started.values())
+    assert any("ray::" in name and "Agent" not in name for name in started.values())
+    assert all("Agent" in started[pid] for pid in left)
     there = {path.name: path.stat().st_mtime_ns for path in out.glob("*.parquet")}
     assert 1 <= len(there) < 12
 
@@ -119,16 +127,32 @@ def test_a_killed_driver_is_started_again(cluster: None, tmp_path: Path) -> None
     assert untimed(read_table(out)) == untimed(score_masks(find_masks([data])))
 
 
-def signed(sign: str) -> list[str]:
-    """Processes that were started with the sign in their environment."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            if sign.encode() in (entry / "environ").read_bytes():
-                found.append((entry / "cmdline").read_bytes().decode())
-        except (OSError, ValueError):
-            continue
-    return found
+def title(pid: int) -> str:
+    """What a process calls itself; nothing if it has ended."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes().decode()
+    except OSError:
+        return ""
+
+
+def running(pid: int) -> bool:
+    """Whether there is such a process, other than one that has ended and that nobody has asked for."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def descendants(pid: int) -> dict[int, str]:
+    """The processes below one, with their titles."""
+    parents = {}
+    for entry in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            parents[int(entry.name)] = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+    found = {pid}
+    while new := {child for child, parent in parents.items() if parent in found} - found:
+        found |= new
+    return {child: title(child) for child in found - {pid}}
 
 
 def test_a_part_that_cannot_be_written_ends_the_job(cluster: None, tmp_path: Path) -> None:
