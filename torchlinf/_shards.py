@@ -172,7 +172,7 @@ def score_shard(shard: Shard, out: Path, options: Options) -> Part:
     lost = _begin(marker)
     try:
         rows = _rows(shard, options, isolated=lost > 0) if lost < LOST else _given_up(shard, lost)
-        _write(path, rows)
+        write_part(path, rows)
     finally:
         marker.unlink(missing_ok=True)
     part = read_part(path)
@@ -206,7 +206,8 @@ def _given_up(shard: Shard, lost: int) -> list[Score]:
     return [Score(file.name, error=error) for file in shard.files]
 
 
-def _write(path: Path, rows: Iterable[Score]) -> None:
+def write_part(path: Path, rows: Iterable[Score]) -> None:
+    """Write rows as they come, a part of them in memory at a time; the file is there when it is whole."""
     import pyarrow.parquet
 
     def write(temporary: Path) -> None:
