@@ -22,7 +22,7 @@ from torchlinf.scoring import score_masks
 
 ARCHIVES = (".tar", ".json")
 FILES = 1000  # single files in a shard
-LOST = 4  # workers that a shard may cost
+LOST = 5  # workers that a shard may cost: Ray Data would go on for ever
 RUN = re.compile(r"files-[0-9a-f]+\.parquet$")  # parts of single files
 SETTINGS = "_settings.json"  # readers of Parquet folders pass over names that begin with _ or .
 
@@ -171,8 +171,8 @@ def score_shard(shard: Shard, out: Path, options: Options) -> Part:
     marker = out / f".{shard.part}.begun"
     lost = _begin(marker)
     try:
-        rows = _rows(shard, options, isolated=lost > 0) if lost < LOST else [_given_up(shard, lost)]
-        _write(path, rows)
+        rows = _rows(shard, options, isolated=lost > 0) if lost < LOST else _given_up(shard, lost)
+        write_part(path, rows)
     finally:
         marker.unlink(missing_ok=True)
     part = read_part(path)
@@ -201,12 +201,13 @@ def _rows(shard: Shard, options: Options, isolated: bool) -> Iterator[Score]:
     return (replace(row, path=name) for row, (_, name) in zip(rows, names, strict=True))
 
 
-def _given_up(shard: Shard, lost: int) -> Score:
-    error = f"not scored: {lost} workers were killed or crashed in this shard of {len(shard.files)} file(s)"
-    return Score(shard.files[0].name, error=f"{error}; delete {shard.part} to try again")
+def _given_up(shard: Shard, lost: int) -> list[Score]:
+    error = f"not scored: {lost} workers were killed or crashed in its shard; delete {shard.part} to try again"
+    return [Score(file.name, error=error) for file in shard.files]
 
 
-def _write(path: Path, rows: Iterable[Score]) -> None:
+def write_part(path: Path, rows: Iterable[Score]) -> None:
+    """Write rows as they come, a part of them in memory at a time; the file is there when it is whole."""
     import pyarrow.parquet
 
     def write(temporary: Path) -> None:

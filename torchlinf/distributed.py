@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Part", "ScoreMasks", "Shard", "connected", "find_shards", "score_shards"]
 
-RETRIES = 10  # of a shard, whose marker ends it before; Ray does not count workers that it ends to save memory
 STORE = 2**27  # bytes of shared memory of a local Ray: masks never go through it
 
 
@@ -115,7 +114,8 @@ def score_shards(
 
     What is there already is not done again, so that a job that was killed is continued by the same call. A shard whose
     worker was lost is tried again, then with its masks in a process of their own: one that ends that process gives a
-    row with an error. A shard that costs four workers gives one row, which says so.
+    row with an error. A shard that costs five workers is given up: the rows of its
+    files say so.
 
     Args:
         shards: what `find_shards` found. Workers read the files under the same names, and write to the same `out`, so
@@ -149,8 +149,7 @@ def score_shards(
         # A block a shard: a block is what is tried again. Names may be no text, so that they travel pickled.
         rows = [{"shard": pickle.dumps(shard)} for shard in missing]
         data = ray_data.from_items(rows, override_num_blocks=len(rows))
-        tries = {"ray_remote_args_fn": lambda: {"max_retries": RETRIES}}
-        done = data.map(_Work(folder, options), **{"num_cpus": 1, **tries, **map_options})
+        done = data.map(_Work(folder, options), **{"num_cpus": 1, **map_options})
         done.context.enable_progress_bars = done.context.print_on_execution_start = False
         done.context.execution_no_progress_timeout_s = -1  # a shard takes what it takes
         for row in done.iter_rows():
