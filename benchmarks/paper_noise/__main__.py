@@ -62,19 +62,21 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _tau_tables(tau: Numbers, rows: list[str], paper: Numbers) -> list[Table]:
     """Means beside the paper's, and standard deviations."""
-    columns = ["", *(f"t = {t:.1f}" for t in SCALES)]
-    mean, std = tau.mean(axis=0), tau.std(axis=0, ddof=1)
-    beside = [
-        [name, *(f"{a:.2f} / {b:.2f}" for a, b in zip(*pair, strict=True))]
-        for name, *pair in zip(rows, mean, paper, strict=True)
-    ]
-    spread = [[name, *(f"{value:.2f}" for value in row)] for name, row in zip(rows, std, strict=True)]
+    columns = ["at t =", *map(str, SCALES)]
+    beside, spread = [], []
+    for name, ours, theirs, std in zip(rows, tau.mean(axis=0), paper, tau.std(axis=0, ddof=1), strict=True):
+        beside += [_shown(name, ours), _shown("the paper's", theirs)]
+        spread.append(_shown(name, std))
     found = fit(tau, paper)
     note = f"Mean |difference| {found.mean:.3f}, largest {found.largest:.2f}."
     return [
-        Table(f"Mean tau, {len(tau)} data sets / the paper's", columns, beside, note),
+        Table(f"Mean tau of {len(tau)} data sets, and the paper's", columns, beside, note),
         Table(f"Standard deviation of tau, {len(tau)} data sets", columns, spread),
     ]
+
+
+def _shown(title: str, values: Numbers) -> list[Cell]:
+    return [title, *(f"{value:.2f}" for value in values)]
 
 
 def _std_table(tau: Numbers, rows: list[str]) -> Table:
