@@ -20,19 +20,25 @@ PAPER_STD, PAPER_ROW, PAPER_COLUMN = 0.28, "factor 4", 3
 
 BASE = "side 200, lines to both sides, closed in the end, each square made afresh, complexity at t"
 
+TEXT = (50, 100, 200, 400)
+
 VARIATIONS: dict[str, tuple[Assumptions, str]] = {
     BASE: (Assumptions(), "at"),
     "mean complexity over (0, t]": (Assumptions(), "up to"),
-    "counts 50, 100, 200, 400 (the paper's text)": (Assumptions(counts=(50, 100, 200, 400)), "at"),
-    "squares that grow from 50 additions to 200": (Assumptions(growing=True), "at"),
-    "closed after every addition": (Assumptions(closing="always"), "at"),
-    "additions on the first square's boundary": (Assumptions(boundary="first"), "at"),
     **{f"side {side}": (Assumptions(side=side), "at") for side in (128, 160, 180, 220, 256)},
-    "lines of that length in all": (Assumptions(lines="half"), "at"),
-    "lines of that length in all, side 100": (Assumptions(lines="half", side=100), "at"),
     "lines outwards only": (Assumptions(lines="outwards"), "at"),
     "lines outwards only, side 150": (Assumptions(lines="outwards", side=150), "at"),
     "lines outwards only, side 128": (Assumptions(lines="outwards", side=128), "at"),
+    "lines of that length in all": (Assumptions(lines="half"), "at"),
+    "lines of that length in all, side 100": (Assumptions(lines="half", side=100), "at"),
+    "counts 50, 100, 200, 400 (the paper's text)": (Assumptions(counts=TEXT), "at"),
+    "counts 50, 100, 200, 400, side 150": (Assumptions(counts=TEXT, side=150), "at"),
+    "squares that grow from 50 additions to 200": (Assumptions(growing=True), "at"),
+    "squares that grow, side 150": (Assumptions(growing=True, side=150), "at"),
+    "squares that grow, side 128": (Assumptions(growing=True, side=128), "at"),
+    "closed after every addition": (Assumptions(closing="always"), "at"),
+    "closed after every addition, side 220": (Assumptions(closing="always", side=220), "at"),
+    "additions on the first square's boundary": (Assumptions(boundary="first"), "at"),
 }
 
 
@@ -50,8 +56,9 @@ def main(arguments: list[str] | None = None) -> None:
         print(*comparison[-1], sep=" | ", flush=True)
     columns = ["assumptions", "mean", "largest", "by chance", "95 % below", "fits", "largest std", "its place"]
     note = (
-        f"|Difference| to the paper's 90 means, {options.sets} data sets each. By chance: what it would be if the "
-        f"paper's {PAPER_SETS} data sets had been made so. All but the first row change only what they name."
+        f"Absolute difference to the paper's 90 means: its mean and largest, from {options.sets} data sets each. By "
+        f"chance: what the mean would be if the paper's {PAPER_SETS} data sets had been made so. All but the first row "
+        "change only what they name."
     )
     tables.append(Table("Assumptions", columns, comparison, note))
     text = "\n".join(map(markdown, tables))
@@ -62,19 +69,21 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _tau_tables(tau: Numbers, rows: list[str], paper: Numbers) -> list[Table]:
     """Means beside the paper's, and standard deviations."""
-    columns = ["", *(f"t = {t:.1f}" for t in SCALES)]
-    mean, std = tau.mean(axis=0), tau.std(axis=0, ddof=1)
-    beside = [
-        [name, *(f"{a:.2f} / {b:.2f}" for a, b in zip(*pair, strict=True))]
-        for name, *pair in zip(rows, mean, paper, strict=True)
-    ]
-    spread = [[name, *(f"{value:.2f}" for value in row)] for name, row in zip(rows, std, strict=True)]
+    columns = ["at t =", *map(str, SCALES)]
+    beside, spread = [], []
+    for name, ours, theirs, std in zip(rows, tau.mean(axis=0), paper, tau.std(axis=0, ddof=1), strict=True):
+        beside += [_shown(name, ours), _shown("the paper's", theirs)]
+        spread.append(_shown(name, std))
     found = fit(tau, paper)
     note = f"Mean |difference| {found.mean:.3f}, largest {found.largest:.2f}."
     return [
-        Table(f"Mean tau, {len(tau)} data sets / the paper's", columns, beside, note),
+        Table(f"Mean tau of {len(tau)} data sets, and the paper's", columns, beside, note),
         Table(f"Standard deviation of tau, {len(tau)} data sets", columns, spread),
     ]
+
+
+def _shown(title: str, values: Numbers) -> list[Cell]:
+    return [title, *(f"{value:.2f}" for value in values)]
 
 
 def _std_table(tau: Numbers, rows: list[str]) -> Table:
