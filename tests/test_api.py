@@ -11,6 +11,7 @@ import pytest
 import torch
 
 import torchlinf
+import torchlinf.decompose
 import torchlinf.labels
 import torchlinf.metrics
 import torchlinf.regions
@@ -133,6 +134,10 @@ def test_the_version_has_three_numbers() -> None:
             "(bounds=None, resolution=64, *, low=0.0, high=1.0, weight=1.0, keep_area=True, max_moves=16, margin=0.25)",
         ),
         (torchlinf.regions.bounds_around, "(X, *, eps=1.0)"),
+        (
+            torchlinf.decompose.parts,
+            "(mask, *, price=0.0, total='sum', candidates='openings', low=0.0, high=1.0, tol=1e-09, spatial_ndim=None)",
+        ),
         (
             torchlinf.labels.complexity_table,
             "(label_map, *, windows=None, properties=(), intensity_image=None, spacing=None, bins=1024, "
