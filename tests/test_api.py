@@ -12,6 +12,7 @@ import torch
 
 import torchlinf
 import torchlinf.comparison
+import torchlinf.decompose
 import torchlinf.labels
 import torchlinf.metrics
 import torchlinf.regions
@@ -142,6 +143,10 @@ def test_the_version_has_three_numbers() -> None:
         (torchlinf.scoring.read_table, "(path)"),
         (torchlinf.comparison.compare_scores, "(old, new, *, column='complexity', join='path')"),
         (torchlinf.regions.bounds_around, "(X, *, eps=1.0)"),
+        (
+            torchlinf.decompose.parts,
+            "(mask, *, price=0.0, total='sum', candidates='openings', low=0.0, high=1.0, tol=1e-09, spatial_ndim=None)",
+        ),
         (
             torchlinf.labels.complexity_table,
             "(label_map, *, windows=None, properties=(), intensity_image=None, spacing=None, bins=1024, "
