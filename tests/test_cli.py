@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tarfile
 import time
 from pathlib import Path
 
@@ -105,6 +106,16 @@ def test_json(masks: Path, tmp_path: Path) -> None:
     assert rows[0]["height"] == 31
     assert rows[0]["depth"] is None
     assert rows[3]["error"] == "no such file"
+
+
+def test_members_of_shards(masks: Path, tmp_path: Path) -> None:
+    with tarfile.open(tmp_path / "shard-0.tar", "w") as archive:
+        for name, member in (("a.png", "1.mask.png"), ("b.png", "1.image.png"), ("c.png", "2.mask.png")):
+            archive.add(masks / name, member)
+    result = run(app, ["score", str(tmp_path / "*.tar"), "--members", "*.mask.png"])
+    assert result.exit_code == 0
+    assert [row["path"].rpartition(":")[2] for row in table(result.stdout)] == ["1.mask.png", "2.mask.png"]
+    assert "no masks found" in run(app, ["score", str(tmp_path / "*.tar"), "--members", "*.npy"]).stderr
 
 
 def test_what_fails_is_a_row_and_the_rest_go_on(bad: Path) -> None:

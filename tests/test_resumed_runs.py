@@ -105,6 +105,10 @@ def test_without_an_extra_it_says_what_to_install(
     assert result.exit_code == 2
     assert f"pip install 'torchlinf[{extra}]'" in result.stderr
     assert os.listdir(tmp_path) == ["masks"]
+    if extra == "coco":
+        result = run(app, ["profile", str(path), "--plot", str(tmp_path / "picture.png")])
+        assert result.exit_code == 2
+        assert "pip install 'torchlinf[coco]'" in result.stderr
 
 
 def test_a_mask_that_is_reached_twice_is_scored_once(masks: Path) -> None:

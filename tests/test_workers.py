@@ -80,7 +80,7 @@ def test_a_main_script_without_a_guard_is_told_so(tmp_path) -> None:
     )
     result = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=100, check=False)
     assert result.returncode == 1
-    assert "RuntimeError: worker processes must be able to import the main script" in result.stderr
+    assert "NoWorkersError: worker processes must be able to import the main script" in result.stderr
 
 
 def test_a_system_without_room_for_processes_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

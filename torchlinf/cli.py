@@ -218,8 +218,11 @@ def compare(
 
 
 def _find(paths: list[Path], members: str | None = None) -> list[Source]:
-    with Console(stderr=True).status("looking for masks"):
-        sources = find_masks(paths, members=members)
+    try:
+        with Console(stderr=True).status("looking for masks"):
+            sources = find_masks(paths, members=members)
+    except ImportError as error:
+        fail(str(error))
     if not sources:
         known = " ".join((*SUFFIXES, ".tar"))
         raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}; looked for {known}")
