@@ -23,7 +23,7 @@ def test_every_question_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
     assert "`labels.complexity_table`, 9 objects" in printed
     assert "| a copy of half the side |" in printed
     assert "| with the open frame |" in printed
-    assert "| all, on a local Ray, its own processes included |" in printed
+    assert "| all, by the workers of a local Ray |" in printed
     command.main(["--toy", "--only", "labels"])
     assert "loader" not in capsys.readouterr().out
 
