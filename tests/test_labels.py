@@ -10,7 +10,7 @@ from skimage.measure import regionprops_table
 import torchlinf
 from torchlinf import _crops
 from torchlinf._crops import profile_crops
-from torchlinf.labels import complexity_table
+from torchlinf.labels import LARGEST, complexity_table
 
 
 def label_map(sizes: tuple[int, ...] = (60, 83), seed: int = 3) -> NDArray[np.int64]:
@@ -55,7 +55,14 @@ def test_the_standard_deviation_and_other_bins() -> None:
 
 @pytest.mark.parametrize(
     ("names", "dtype"),
-    [([7, 3, 250], np.uint8), ([10**15, 2, 10**18], np.int64), ([2**64 - 1, 2**63, 5], np.uint64)],
+    [
+        ([7, 3, 250], np.uint8),
+        ([127, 126, 1], np.int8),
+        ([10**15, 2, 10**18], np.int64),
+        ([2**64 - 1, 2**63, 5], np.uint64),
+        ([LARGEST + 1, LARGEST, LARGEST - 1], np.int32),
+        ([1, 2**31 - 1, 2], np.int32),
+    ],
 )
 def test_labels_may_be_huge_and_have_gaps(names: list[int], dtype: type) -> None:
     plain = np.zeros((30, 41), dtype=dtype)
@@ -126,7 +133,11 @@ def test_a_map_that_is_one_object() -> None:
     ("found", "error", "words"),
     [
         (np.array([[0, -1, 3]]), ValueError, r"no negative labels; got -1.*clip\(0\)"),
+        (np.array([[0, 3], [-(2**63), 2**62]]), ValueError, "no negative labels; got -9223372036854775808"),
+        (torch.tensor([[[0, 5], [-7, 2]]], dtype=torch.int8), ValueError, "no negative labels; got -7"),
         (np.array([[0.0, 1.0]]), TypeError, r"must hold integers; got float64.*astype"),
+        (np.array([[0.0, np.nan]], np.float16), TypeError, r"must hold integers; got float16.*astype"),
+        (torch.tensor([[0.0, 2.5]]), TypeError, r"must hold integers; got float32.*astype"),
         (np.array([[False, True]]), TypeError, r"must hold integers; got bool.*skimage.measure.label"),
         (np.zeros((1,) * 5, int), ValueError, "1 to 4 dimensions"),
         (np.array(3), ValueError, "1 to 4 dimensions"),

@@ -10,11 +10,13 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # `benchmarks` is not installed with the library
 
 from benchmarks.pipeline import __main__ as command  # noqa: E402
-from benchmarks.pipeline import files, labels, loader  # noqa: E402
+from benchmarks.pipeline import files, labels, loader, shards  # noqa: E402
 from torchlinf.labels import complexity_table  # noqa: E402
-from torchlinf.scoring import find_masks, read_source  # noqa: E402
+from torchlinf.scoring import find_masks, read_source, score_masks  # noqa: E402
 
 
+# Ray's own settings trip over each other as soon as they are made.
+@pytest.mark.filterwarnings("ignore:`use_:DeprecationWarning:ray.data.context")
 def test_every_question_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
     command.main(["--toy"])
     printed = capsys.readouterr().out
@@ -22,6 +24,7 @@ def test_every_question_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
     assert "`labels.complexity_table`, 9 objects" in printed
     assert "| a copy of half the side |" in printed
     assert "| with the open frame |" in printed
+    assert "| all, by the workers of a local Ray |" in printed
     command.main(["--toy", "--only", "labels"])
     assert "loader" not in capsys.readouterr().out
 
@@ -55,3 +58,12 @@ def test_samples_are_augmented_and_scored(tmp_path: Path) -> None:
     assert bool((image == plain[0]).all())
     assert bool((mask == plain[1]).all())
     assert 0 < mask.float().mean() < 1
+
+
+def test_silhouettes_in_shards_differ(tmp_path: Path) -> None:
+    pixels = shards.write(tmp_path / "shards", 42, 48, 4)
+    rows = list(score_masks(find_masks([tmp_path / "shards"])))
+    assert len({row.path.split(":")[0] for row in rows}) == 4
+    assert {(row.height, row.width, row.error) for row in rows} == {(48, 48, None)}
+    assert len({row.complexity for row in rows}) > 30
+    assert sum(row.pixels for row in rows) / 42 == pixels > 48

@@ -231,10 +231,42 @@ def test_bad_answers() -> None:
 
     with pytest.raises(ValueError, match=r"without NaN; got NaN at 9 of 81 points, the first at \(2\.5, -1\)"):
         decision_region_complexity(broken, BOUNDS, 9)
+    with pytest.raises(ValueError, match=r"NaN at 8 of 10 points"):  # that were asked at a time
+        decision_region_complexity(broken, BOUNDS, 9, chunk_size=10)
+    with pytest.raises(ValueError, match=r"NaN at 9 of 81 points"):
+        decision_region_complexity(lambda p: broken(p)[:, 0], BOUNDS, 9, threshold=0.0)
+    with pytest.raises(ValueError, match=r"NaN at \d+ of 81 points"):
+        decision_plane(lambda p: p / 0 * 0, X[:3], 9)
+    with pytest.raises(ValueError, match=r"NaN at \d+ of 81 points"):
+        decision_plane_complexity(lambda p: p.log(), X, 4, 9)
     answers = [lambda p: p[:-1], lambda p: p[:, :, None], lambda p: p[:, :0], lambda p: (p, p)]
     for answer in answers:
         with pytest.raises(ValueError, match=r"classifier must answer \(81,\) or \(81, classes\)"):
             decision_region_complexity(answer, BOUNDS, 9)
+
+
+class Undecided:
+    """An estimator that has no answer for some points."""
+
+    classes_ = np.array([0, 1])
+
+    def predict(self, points: np.ndarray) -> np.ndarray:
+        return np.where(points[:, 0] > 2.4, np.nan, points[:, 0] > 0)
+
+    def predict_proba(self, points: np.ndarray) -> np.ndarray:
+        return np.stack([self.predict(points), 1 - self.predict(points)], axis=1)
+
+
+@pytest.mark.parametrize("method", ["predict", "predict_proba"])
+def test_estimators_that_answer_nan(method: str) -> None:
+    with pytest.raises(ValueError, match="NaN at 9 of 81 points"):
+        decision_region_complexity(Undecided(), BOUNDS, 9, response_method=method)
+
+
+def test_infinite_answers_are_answers() -> None:
+    found = decision_region_complexity(lambda p: torch.where(p > 0, torch.inf, p), BOUNDS, (12, 9))
+    same = decision_region_complexity(lambda p: torch.where(p > 0, 9.0, p), BOUNDS, (12, 9))
+    assert torch.equal(found.masks, same.masks)
 
 
 @pytest.mark.parametrize(

@@ -166,7 +166,7 @@ def connected(address: str = "local", *, workers: int | None = None) -> Iterator
 
     Args:
         address: "local" starts one here, without usage statistics; "auto" takes the cluster that this machine belongs
-            to; "ray://host:10001" or "host:6379" another.
+            to; all else goes to `ray.init`, such as "host:6379" or "ray://host:10001".
         workers: cores to use where it is "local"; None takes all.
 
     Raises:

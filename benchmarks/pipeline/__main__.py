@@ -80,7 +80,8 @@ def _shards(answer: shards.Answer) -> str:
             "| stage | processor time a mask, ms: median | least |\n|---|---|---|",
             *stages,
             f"| all, shards to parts in one process | {answer.local:.3f} | |",
-            f"| all, on a local Ray, its own processes included | {answer.ray:.3f} | |",
+            f"| all, by the workers of a local Ray | {answer.workers:.3f} | |",
+            f"| beside that, by Ray's other processes and the program | {answer.around:.3f} | |",
             f"\nRay's start and its workers' imports: {answer.start:.1f} s of processor time\n",
         ]
     )

@@ -40,7 +40,8 @@ class Answer:
     bytes_out: float
     stages: list[Stage]
     local: float
-    ray: float
+    workers: float
+    around: float  # what Ray's other processes and this one take
     start: float  # processor time, s, until Ray is up and each worker has done a first shard of four masks
 
 
@@ -54,11 +55,13 @@ def run(count: int = 4000, side: int = 128, shards: int = 8, rounds: int = 3, wo
         list(score_masks(find_masks([root / "few"])))  # compiles, or loads what is compiled
         stages = _stages(paths, root, rounds)
         local = _local(paths, root / "local")
-        start, ray = _on_ray(root, workers)
+        start, own, around = _on_ray(root, workers)
         bytes_in, bytes_out = (
             sum(path.stat().st_size for path in files) / count for files in (paths, (root / "local").glob("*.parquet"))
         )
-        return Answer(count, shards, pixels, bytes_in, bytes_out, stages, local, 1e3 * ray / count, start)
+        return Answer(
+            count, shards, pixels, bytes_in, bytes_out, stages, local, 1e3 * own / count, 1e3 * around / count, start
+        )
 
 
 def write(folder: Path, count: int, side: int, shards: int) -> float:
@@ -123,9 +126,9 @@ def _local(paths: list[Path], out: Path) -> float:
     return 1e3 * seconds / sum(part.masks for part in parts)
 
 
-def _on_ray(root: Path, workers: int) -> tuple[float, float]:
-    """Processor time of this process and all that it starts: until all is warm, and for the shards."""
-    before = _cpu_of_all()
+def _on_ray(root: Path, workers: int) -> tuple[float, float, float]:
+    """Processor time of all processes until all is warm; then of the workers, and of all others, for the shards."""
+    before = sum(_cpu_of_all())
     with connected("local", workers=workers):
         list(score_shards(find_shards([root / "few"]), root / "first"))
         warm = _cpu_of_all()
@@ -133,7 +136,7 @@ def _on_ray(root: Path, workers: int) -> tuple[float, float]:
         after = _cpu_of_all()
     if any(part.failed for part in parts):
         raise AssertionError("all silhouettes must be scored")
-    return warm - before, after - warm
+    return sum(warm) - before, after[0] - warm[0], after[1] - warm[1]
 
 
 def _cpu(run: Callable[[], object]) -> float:
@@ -142,14 +145,17 @@ def _cpu(run: Callable[[], object]) -> float:
     return time.process_time() - began
 
 
-def _cpu_of_all() -> float:
-    """Seconds of this process and of those below it that run, by the counters of Linux."""
-    ticks, parents = {}, {}
+def _cpu_of_all() -> tuple[float, float]:
+    """Seconds of Ray's workers, and of this process and all others below it, by the counters of Linux."""
+    ticks, parents, titles = {}, {}, {}
     for entry in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):  # it may have ended meanwhile
             values = (entry / "stat").read_text().rpartition(")")[2].split()
-            parents[int(entry.name)], ticks[int(entry.name)] = int(values[1]), int(values[11]) + int(values[12])
+            pid, ticks[int(entry.name)] = int(entry.name), int(values[11]) + int(values[12])
+            parents[pid], titles[pid] = int(values[1]), (entry / "cmdline").read_bytes()
     found = {os.getpid()}
     while new := {child for child, parent in parents.items() if parent in found} - found:
         found |= new
-    return sum(ticks[pid] for pid in found if pid in ticks) / os.sysconf("SC_CLK_TCK")
+    workers = {pid for pid in found if titles.get(pid, b"").startswith(b"ray::") and b"Agent" not in titles[pid]}
+    second = os.sysconf("SC_CLK_TCK")
+    return sum(ticks[pid] for pid in workers) / second, sum(ticks.get(pid, 0) for pid in found - workers) / second
