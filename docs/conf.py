@@ -1,7 +1,10 @@
 """Settings of the documentation; built by `make docs`, with warnings as errors."""
 
 import re
+from pathlib import Path
 from typing import Any
+
+from sphinx_gallery.sorting import ExplicitOrder
 
 import torchlinf
 
@@ -37,9 +40,14 @@ default_role = "code"
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
 
+# By name, but what newcomers should read comes first. The pages on the paper are numbered in its order.
+GALLERY = sorted(path.name for path in (Path(__file__).parents[1] / "examples").rglob("plot_*.py"))
+GALLERY.sort(key="plot_quickstart.py".__ne__)
+
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
+    "within_subsection_order": ExplicitOrder([*GALLERY, "*"]),
     "filename_pattern": r"/plot_",
     # The demo is a program with its own `make demo`, not a page.
     "ignore_pattern": r"demo\.py$",

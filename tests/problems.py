@@ -5,8 +5,9 @@ them on shapes of some hundred pixels.
 """
 
 from collections.abc import Iterator
-from itertools import product
+from itertools import permutations, product
 
+import networkx as nx
 import numpy as np
 import torch
 
@@ -134,3 +135,12 @@ def disc(radius: int) -> torch.Tensor:
     """The digital disc x^2 + y^2 <= radius^2 in an array that it touches, bool."""
     axis = torch.arange(-radius, radius + 1)
     return axis[:, None] ** 2 + axis**2 <= radius**2
+
+
+def random_order(seed: int, size: int = 7) -> nx.DiGraph:
+    """The order of random points in the plane, which has chains and antichains of all lengths."""
+    points = np.random.default_rng(seed).random((size, 2))
+    graph = nx.DiGraph()
+    graph.add_nodes_from(range(size))
+    graph.add_edges_from((a, b) for a, b in permutations(range(size), 2) if (points[a] < points[b]).all())
+    return graph

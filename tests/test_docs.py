@@ -61,3 +61,10 @@ def test_links_between_pages_lead_somewhere() -> None:
     for page in pages:
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def test_every_experiment_of_the_paper_is_on_its_page() -> None:
+    pages = sorted((ROOT / "examples" / "paper").glob("plot_*.py"))
+    assert len(pages) >= 7
+    linked = re.findall(r"\{doc\}`gallery/paper/(\w+)`", read("docs/paper.md"))
+    assert sorted(set(linked)) == [page.stem for page in pages]

@@ -7,6 +7,7 @@ import networkx as nx
 import numpy as np
 import pytest
 import torch
+from problems import random_order
 
 from torchlinf import ComplexityProfile, complexity_profile, shapes
 from torchlinf.order import (
@@ -39,15 +40,6 @@ def profiles() -> dict[str, ComplexityProfile]:
         "three": shapes.with_appendages((32, 32), faces),
     }
     return {name: profile(mask) for name, mask in masks.items()}
-
-
-def random_order(seed: int, size: int = 7) -> nx.DiGraph:
-    """The order of random points in the plane, which has chains and antichains of all lengths."""
-    points = np.random.default_rng(seed).random((size, 2))
-    graph = nx.DiGraph()
-    graph.add_nodes_from(range(size))
-    graph.add_edges_from((a, b) for a, b in permutations(range(size), 2) if (points[a] < points[b]).all())
-    return graph
 
 
 @pytest.mark.parametrize("windows", [((0.0, 0.25), (0.0, 1.0)), ((0.0, 0.5),), None])
@@ -113,9 +105,20 @@ def test_hasse_diagram_has_the_steps_and_nothing_that_follows(seed: int) -> None
         assert not any(graph.has_edge(a, c) and graph.has_edge(c, b) for c in graph)
 
 
+def test_steps_come_in_the_order_of_the_graph() -> None:
+    """A random order of names, whose hashes change from run to run."""
+    graph = nx.relabel_nodes(random_order(0, size=20), str)
+    steps = hasse_diagram(graph)
+    assert list(steps) == list(graph)
+    kept = set(steps.edges)
+    assert list(steps.edges) == [edge for edge in graph.edges if edge in kept]
+
+
 def test_attributes_are_kept(profiles: dict[str, ComplexityProfile]) -> None:
     steps = hasse_diagram(dominance(profiles))
     assert steps.nodes["square", "box"]["indicators"] == (0.0, 0.0)
+    assert steps.graph == {"windows": ((0.0, 0.25), (0.0, 1.0))}
+    assert dominance(profiles, windows=None).graph == {"windows": ((0.0, 1.0),)}
 
 
 def with_values(*rows: list[float], error_bound: float = 0.0) -> list[ComplexityProfile]:

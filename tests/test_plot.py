@@ -56,6 +56,16 @@ def test_a_profile_of_zero_can_be_seen() -> None:
     assert top > 1
 
 
+def test_a_profile_of_standard_deviations() -> None:
+    ax = plot.profile(DISC, estimator="std")
+    levels = torchlinf.complexity_profile(DISC, estimator="std", spatial_ndim=2).levels()
+    np.testing.assert_array_equal(ax.patches[0].get_data().values, levels)
+    assert labels(ax)[1] == "standard deviation of f / max f"
+    assert ax.get_ylim()[1] < 0.5 < plot.profile(DISC).get_ylim()[1]
+    with pytest.raises(ValueError, match="estimator"):
+        plot.profile(DISC, estimator="variance")
+
+
 @pytest.mark.parametrize("of", ["field", "distance"])
 def test_level_lines_lie_where_the_values_are(of: str) -> None:
     ax = plot.levels(TALL, of=of)
@@ -71,6 +81,20 @@ def test_level_lines_lie_where_the_values_are(of: str) -> None:
     assert x.min() == pytest.approx(y.min())
 
 
+def test_level_lines_of_another_field() -> None:
+    # 2, 4 ... 24 from left to right: half of the maximum is the sixth column, whose index is 5.
+    ramp = 2.0 * torch.arange(1, 13).expand(5, 12)
+    ax = plot.levels(torch.ones(5, 12), of=ramp, color="#FF0000")
+    x, y = ax.collections[0].get_paths()[4].vertices.T
+    assert float(x[(y > 0) & (y < 4)].min()) == pytest.approx(5)
+    assert ax.get_title() == "field / its maximum"
+    assert ax.images[0].cmap(1.0)[:3] == (1.0, 0.5, 0.5)
+    with pytest.raises(ValueError, match=r"got \(12, 5\) for \(5, 12\). Pass one value for each pixel."):
+        plot.levels(torch.ones(5, 12), of=ramp.T)
+    with pytest.raises(ValueError, match=r"field on an image"):
+        plot.levels(torch.ones(3, 5, 12), of=torch.ones(3, 5, 12))
+
+
 def test_lines_of_a_shape_at_the_border_are_closed() -> None:
     ax = plot.levels(torch.ones(7, 12))
     for path in ax.collections[0].get_paths():
@@ -84,6 +108,35 @@ def test_of_a_volume_the_deepest_slice_is_drawn() -> None:
     volume[2:9, 4:11, 6:14] = True
     image = plot.levels(volume).images[0].get_array()[1:-1, 1:-1]
     np.testing.assert_array_equal(image, volume[5])
+
+
+def test_the_map_of_the_complexity_is_drawn_with_its_scale() -> None:
+    ax = plot.complexity_map(DISC, high=0.5)
+    share = torchlinf.complexity_map(DISC, high=0.5, spatial_ndim=2).numpy()
+    drawn = ax.images[0].get_array()
+    np.testing.assert_array_equal(drawn.mask, ~DISC)
+    np.testing.assert_array_equal(drawn.filled(0), share)
+    top = ax.images[0].get_clim()[1]
+    assert (share > top).sum() == pytest.approx(0.02 * (share > 0).sum(), abs=8)  # pixels come in eights
+    assert ax.images[0].colorbar.ax.get_ylabel() == "share (bits per pixel)"
+    assert ax.get_title() == f"{torchlinf.complexity(DISC, high=0.5, spatial_ndim=2):.2f} bits"
+    assert (labels(ax), ax.get_aspect()) == (("column (pixels)", "row (pixels)"), 1)
+    assert plot.complexity_map(DISC, top=0.01).images[0].get_clim() == (0, 0.01)
+    assert plot.complexity_map(TALL).get_title() == "0.00 bits"
+
+
+def test_the_outline_runs_along_the_edges_of_the_pixels() -> None:
+    ax = plot.complexity_map(TALL)
+    x, y = ax.collections[0].get_paths()[0].vertices.T
+    assert (x.min(), x.max(), y.min(), y.max()) == (-0.5, 8.5, -0.5, 21.5)
+
+
+def test_of_a_volume_the_deepest_slice_of_the_map_is_drawn() -> None:
+    volume = shapes.cube_with_appendages(8, 4, ["left", "front"])
+    ax = plot.complexity_map(volume)
+    share = torchlinf.complexity_map(volume, spatial_ndim=3)
+    np.testing.assert_array_equal(ax.images[0].get_array().filled(0), share[7])
+    assert ax.get_title() == f"{share.sum():.2f} bits"
 
 
 def test_shapes_are_sorted_by_complexity() -> None:
@@ -144,7 +197,9 @@ def test_decision_planes_show_their_points() -> None:
         plot.decision_regions(line)
 
 
-@pytest.mark.parametrize("draw", [plot.profile, plot.levels, lambda mask: plot.shapes({"a": mask})])
+@pytest.mark.parametrize(
+    "draw", [plot.profile, plot.levels, plot.complexity_map, lambda mask: plot.shapes({"a": mask})]
+)
 def test_bad_input_is_refused_before_a_figure_is_opened(draw: Draw) -> None:
     for mask, error, words in [
         (torch.zeros(4, 6), ValueError, "at least one pixel inside"),
@@ -168,7 +223,7 @@ def test_more_bad_input() -> None:
 
 def test_without_matplotlib_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
-    for draw in (plot.profile, plot.levels, lambda mask: plot.shapes({"a": mask})):
+    for draw in (plot.profile, plot.levels, plot.complexity_map, lambda mask: plot.shapes({"a": mask})):
         with pytest.raises(ImportError, match=r"pip install 'torchlinf\[plot\]'"):
             draw(DISC)
     with pytest.raises(ImportError, match=r"pip install 'torchlinf\[plot\]'"):

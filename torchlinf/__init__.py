@@ -1,6 +1,7 @@
 """Multi-scale complexity of discrete shapes from the screened L-infinity field, on PyTorch tensors."""
 
 from torchlinf import shapes
+from torchlinf._complexity_map import complexity_map
 from torchlinf._soft import soft_chessboard_distance, soft_linf_field
 from torchlinf._soft_complexity import soft_complexity
 from torchlinf.complexity import ComplexityProfile, complexity, complexity_profile
@@ -15,6 +16,7 @@ __all__ = [
     "Status",
     "chessboard_distance",
     "complexity",
+    "complexity_map",
     "complexity_profile",
     "linf_field",
     "shapes",

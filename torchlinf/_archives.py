@@ -24,7 +24,7 @@ def tar_masks(path: Path, members: str | None = None) -> Iterator[Member]:
 
     Args:
         path: the archive.
-        members: which ones, as a pattern such as "*.mask.png" that the whole name must match; None takes every member
+        members: which ones, as a pattern such as `*.mask.png` that the whole name must match; None takes every member
             with a suffix of a mask, as in the layout of WebDataset.
 
     Yields:

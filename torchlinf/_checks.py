@@ -149,6 +149,15 @@ def count(value: int, name: str) -> int:
     return int(value)
 
 
+def fraction(value: float, name: str) -> float:
+    """Check a number strictly between 0 and 1."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a number in (0, 1); got {value!r}. Pass a float.")
+    if not 0 < value < 1:
+        raise ValueError(f"{name} must lie strictly between 0 and 1; got {value!r}. Pass for example 0.5.")
+    return float(value)
+
+
 def window(low: float, high: float) -> tuple[float, float]:
     """Return the window of scales (low, high] as floats if 0 <= low < high <= 1, else raise.
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf._coco import Outline, draw
+from torchlinf._held import Held, held_values
 from torchlinf._readers import UnreadableMaskError, Values, read_values
 from torchlinf._sources import Source
 
@@ -66,7 +67,12 @@ def read_source(
     if isinstance(source.place, Outline):
         inside = draw(source.place, max_pixels)
     else:
-        values = read_values(source.path, source.member, max_pixels, source.place)
+        place = source.place
+        values = (
+            held_values(place, max_pixels)
+            if isinstance(place, Held)
+            else read_values(source.path, source.member, max_pixels, place)
+        )
         inside = values.array > (inside_above(values) if threshold is None else threshold)
     return ~inside if invert else inside
 

@@ -24,7 +24,7 @@ Move = np.ndarray  # flat indices of the pixels of a region, all inside or all o
 
 
 def move_gradient(
-    probability: Tensor, *, threshold: float, low: float, high: float, max_moves: int
+    probability: Tensor, *, threshold: float, low: float, high: float, max_moves: int, deformations: bool = False
 ) -> tuple[Tensor, Tensor]:
     """Hard complexity of each thresholded shape, and the density of its exact differences under moves.
 
@@ -34,6 +34,7 @@ def move_gradient(
         low: lower end of the window of scales.
         high: its upper end.
         max_moves: moves tried per shape.
+        deformations: whether the density is corrected by `torchlinf._deformations`.
 
     Returns:
         The complexity, (N,) float64, NaN for an empty shape, and the density G like `probability`, float64: the sum
@@ -55,7 +56,20 @@ def move_gradient(
     for n, (shape, tried) in enumerate(zip(inside.flatten(1).numpy(), moves, strict=True)):
         for move, gain in zip(tried, difference[n], strict=True):
             density[n, move] += (-gain if shape[move[0]] else gain) / len(move)
+    if deformations:
+        _correct(density, value, inside, low, high)
     return value, torch.from_numpy(density).reshape(inside.shape)
+
+
+def _correct(density: np.ndarray, value: Tensor, inside: Tensor, low: float, high: float) -> None:
+    """Correct the density (N, P) of each shape in place by its deformations."""
+    from torchlinf._deformations import correct, deformed
+
+    lines = [deformed(shape) for shape in inside.numpy()]
+    masks = (torch.from_numpy(mask) for line in lines for mask in line.reshape(-1, *inside.shape[1:]))
+    found = _complexities(masks, inside, low, high).split([line.shape[0] * line.shape[1] for line in lines])
+    for n, (line, values) in enumerate(zip(lines, found, strict=True)):
+        density[n] = correct(density[n], value[n].item(), line, values.numpy().reshape(line.shape[:2]))
 
 
 def candidates(probability: Tensor, threshold: float) -> list[list[Move]]:
@@ -107,14 +121,18 @@ def select(inside: Tensor, moves: list[list[Move]], max_moves: int) -> list[list
 def differences(inside: Tensor, moves: list[list[Move]], low: float, high: float) -> tuple[Tensor, list[np.ndarray]]:
     """Complexity of each shape (N,), and for each of its moves the complexity after the move minus before."""
     counts = [1 + len(tried) for tried in moves]
-    scores: list[Tensor] = []
-    masks = _moved(inside, moves)
-    step = max(1, SOLVE_PIXELS // inside[0].numel())
-    while chunk := list(itertools.islice(masks, step)):
-        scores.append(complexity(torch.stack(chunk), low=low, high=high, spatial_ndim=inside.ndim - 1))
-    parts = torch.cat(scores).split(counts)
+    parts = _complexities(_moved(inside, moves), inside, low, high).split(counts)
     value = torch.stack([part[0] for part in parts])
     return value, [(part[1:] - part[0]).numpy() for part in parts]
+
+
+def _complexities(masks: Iterator[Tensor], like: Tensor, low: float, high: float) -> Tensor:
+    """Complexity of any number of masks of the size of the shapes in `like`, in calls of bounded memory."""
+    scores = [torch.empty(0, dtype=torch.float64)]
+    step = max(1, SOLVE_PIXELS // like[0].numel())
+    while chunk := list(itertools.islice(masks, step)):
+        scores.append(complexity(torch.stack(chunk), low=low, high=high, spatial_ndim=like.ndim - 1))
+    return torch.cat(scores)
 
 
 def _moved(inside: Tensor, moves: list[list[Move]]) -> Iterator[Tensor]:

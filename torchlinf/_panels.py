@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchlinf._checks import as_mask
+from torchlinf._complexity_map import complexity_map
 from torchlinf.complexity import ComplexityProfile, complexity_profile
 from torchlinf.distance import chessboard_distance
 from torchlinf.field import linf_field
@@ -30,7 +31,12 @@ STYLES = ("-", "--", ":")
 # Level lines at a tenth, two tenths ... of the maximum.
 LINES = np.arange(1, 10) / 10
 
+DARKEST = 98  # percentile of the shares of pixels from which on they are drawn alike
+
 TITLES = {"field": "field f / max f", "distance": "scale t = d / D"}
+
+# What profiles are drawn of: the label of the axis, and how high the axis is at least.
+ESTIMATED = {"entropy": ("complexity (bits)", 1.0), "std": ("standard deviation of f / max f", 0.01)}
 
 
 class Look(NamedTuple):
@@ -68,10 +74,10 @@ def axes_or_new(ax: "Axes | None") -> "Axes":
     return cast("Axes", pyplot().subplots(layout="constrained")[1]) if ax is None else ax
 
 
-def solve(mask: Tensor) -> ComplexityProfile:
+def solve(mask: Tensor, estimator: str = "entropy") -> ComplexityProfile:
     """Profile of one shape without leading dimensions."""
     _require_shape(mask)
-    return complexity_profile(mask, spatial_ndim=mask.ndim)
+    return complexity_profile(mask, estimator=estimator, spatial_ndim=mask.ndim)
 
 
 def solve_all(masks: Mapping[str, Tensor]) -> dict[str, ComplexityProfile]:
@@ -83,14 +89,34 @@ def solve_all(masks: Mapping[str, Tensor]) -> dict[str, ComplexityProfile]:
 
 def slices(mask: Tensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The field f / max f and the scale t of an image, or of the slice of a volume through its deepest voxel."""
+    distance, deepest = _deepest(mask)
+    field = linf_field(mask, spatial_ndim=mask.ndim, dtype=torch.float64)
+    scale = distance.double() / distance.max()
+    return field[deepest].numpy(force=True), scale[deepest].numpy(force=True)
+
+
+def shares(mask: Tensor, low: float, high: float) -> tuple[float, NDArray[np.float64]]:
+    """The complexity, and the share of each pixel of an image or of the deepest slice of a volume; NaN outside."""
+    _, deepest = _deepest(mask)
+    share = complexity_map(mask, low=low, high=high, spatial_ndim=mask.ndim).double()
+    return float(share.sum()), torch.where(mask != 0, share, torch.nan)[deepest].numpy(force=True)
+
+
+def silhouette(mask: Tensor) -> NDArray[np.bool_]:
+    """An image, or the slice of a volume through its deepest voxel, cut to what is inside."""
+    distance, deepest = _deepest(mask)
+    inside = (distance[deepest] > 0).numpy(force=True)
+    rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
+    return inside[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+
+
+def _deepest(mask: Tensor) -> tuple[Tensor, tuple[int, ...]]:
+    """The distance, and the index of the slice to draw: none of an image, of a volume that of its deepest voxel."""
     _require_shape(mask)
     if mask.ndim not in (2, 3):
         raise ValueError(f"mask must be (H, W) or (D, H, W); got {tuple(mask.shape)}. Pass one shape, without a batch.")
     distance = chessboard_distance(mask, spatial_ndim=mask.ndim)
-    field = linf_field(mask, spatial_ndim=mask.ndim, dtype=torch.float64)
-    deepest = (int(distance.flatten(1).amax(dim=1).argmax()),) if mask.ndim == 3 else ()
-    scale = distance.double() / distance.max()
-    return field[deepest].numpy(force=True), scale[deepest].numpy(force=True)
+    return distance, (int(distance.flatten(1).amax(dim=1).argmax()),) if mask.ndim == 3 else ()
 
 
 def _require_shape(mask: Tensor) -> None:
@@ -99,15 +125,18 @@ def _require_shape(mask: Tensor) -> None:
         raise ValueError("mask must have at least one pixel inside; got an empty one. Leave it out.")
 
 
-def draw_profile(ax: "Axes", solved: ComplexityProfile, label: str | None, look: Look) -> "Axes":
+def draw_profile(
+    ax: "Axes", solved: ComplexityProfile, label: str | None, look: Look, estimator: str = "entropy"
+) -> "Axes":
     """Level k holds for the scales from (k-1)/D to k/D: a staircase, not a line through points."""
     values = cast("Tensor", solved.levels()).numpy(force=True)
     edges = np.arange(len(values) + 1) / len(values)
     ax.stairs(values, edges, baseline=None, label=label, color=look.color, linestyle=look.style, linewidth=1.6)
     # The same ground for all, at least one bit high, and low enough to show the line of a profile that is zero.
-    top = max(1.0, ax.dataLim.y1)
+    words, least = ESTIMATED[estimator]
+    top = max(least, ax.dataLim.y1)
     ax.set(xlim=(0, 1), ylim=(-0.02 * top, 1.05 * top))
-    ax.set(xlabel="scale t = d / D (share of the radius)", ylabel="complexity (bits)")
+    ax.set(xlabel="scale t = d / D (share of the radius)", ylabel=words)
     ax.spines[["top", "right"]].set_visible(False)
     return ax
 
@@ -123,6 +152,27 @@ def draw_levels(ax: "Axes", values: NDArray[np.float64], color: str) -> None:
     extent = (-1.5, columns[-1] + 0.5, rows[-1] + 0.5, -1.5)
     ax.imshow(framed > 0, cmap=ListedColormap(np.array([np.ones(3), pale])), extent=extent, interpolation="nearest")
     ax.contour(columns, rows, framed, levels=LINES, colors="#222222", linewidths=0.6)
+
+
+def draw_map(ax: "Axes", share: NDArray[np.float64], whole: float, top: float | None) -> "Axes":
+    """Image of the shares, from pale to dark, white outside; with the outline of the shape and a colour bar."""
+    if top is None:
+        # Levels near the middle have few pixels, each with so large a share that all others would look alike.
+        top = float(np.percentile(share[share > 0], DARKEST)) if (share > 0).any() else 1.0
+    drawn = ax.imshow(share, cmap="YlOrBr", vmin=0.0, vmax=top, interpolation="nearest")
+    draw_outline(ax, ~np.isnan(share))
+    bar = ax.figure.colorbar(drawn, ax=ax, shrink=0.85, extend="max" if np.nanmax(share) > top else "neither")
+    bar.set_label("share (bits per pixel)")
+    ax.set(xlabel="column (pixels)", ylabel="row (pixels)", title=f"{whole:.2f} bits")
+    return ax
+
+
+def draw_outline(ax: "Axes", inside: NDArray[np.bool_]) -> None:
+    """Line along the edges of the pixels that bound a shape."""
+    # Contours run between the centres of pixels; with four to a pixel the outline all but keeps its corners.
+    fine = np.pad(inside, 1).repeat(2, 0).repeat(2, 1)
+    rows, columns = (np.arange(size) / 2 - 1.25 for size in fine.shape)
+    ax.contour(columns, rows, fine, levels=[0.5], colors="#222222", linewidths=0.6)
 
 
 def draw_regions(ax: "Axes", regions: "DecisionRegions") -> "Axes":

@@ -75,7 +75,7 @@ class ComplexityProfile:
         low, high = window(low, high)
         shape, number = self._numbered()
         size = self.radius.flatten().to(self.level_values)[shape]  # (sum of radius,) the D that belongs to each level
-        overlap = ((number / size).clamp(max=high) - ((number - 1) / size).clamp(min=low)).clamp(min=0.0)
+        overlap = length_within(number, size, low, high)
         bound = torch.full_like(
             self.radius.flatten(), 32
         )  # no level value exceeds 20 bits, and the lengths add up to 1
@@ -111,6 +111,25 @@ class ComplexityProfile:
 
     def _lead(self, flat: Tensor) -> Tensor:
         return flat.reshape(self.radius.shape).to(self.values.dtype)
+
+
+def length_within(level: Tensor, radius: Tensor, low: float, high: float) -> Tensor:
+    """Length of the scales in (low, high] that belong to a level: of ((k-1)/D, k/D] ∩ (low, high].
+
+    Args:
+        level: k, any shape.
+        radius: D, floating point, broadcast with it.
+        low: lower end of the window.
+        high: its upper end.
+
+    Returns:
+        Tensor of the dtype of `radius`, in [0, 1/D].
+
+    Example:
+        >>> length_within(torch.arange(1, 5), torch.tensor(4.0), 0.375, 1.0)
+        tensor([0.0000, 0.1250, 0.2500, 0.2500])
+    """
+    return ((level / radius).clamp(max=high) - ((level - 1) / radius).clamp(min=low)).clamp(min=0.0)
 
 
 def _nest(parts: Sequence[Tensor], lead: tuple[int, ...]) -> Any:

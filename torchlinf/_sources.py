@@ -10,6 +10,7 @@ from pathlib import Path
 
 from torchlinf._archives import tar_masks
 from torchlinf._coco import Outline, coco_masks
+from torchlinf._held import Held
 from torchlinf._readers import SUFFIXES, UnreadableMaskError, arrays_in
 from torchlinf._spans import Span
 
@@ -23,13 +24,13 @@ class Source:
         member: which of the masks in it: the array of an .npz archive that holds several, the member of a tar archive,
             the id of an annotation.
         error: why there is nothing to read, if that is known already.
-        place: where in a tar archive the mask is, or what a COCO file says of it.
+        place: where in a tar archive the mask is, what a COCO file says of it, or the mask itself.
     """
 
     path: Path
     member: str | None = None
     error: str | None = None
-    place: Span | Outline | None = None
+    place: Span | Outline | Held | None = None
 
     @property
     def name(self) -> str:
@@ -42,19 +43,21 @@ def find_masks(paths: Iterable[str | os.PathLike[str]], *, members: str | None =
 
     Args:
         paths: files, taken whatever their name; folders, searched through for files of a known suffix; and patterns
-            such as "masks/**/*.png", where no file has that very name. Hidden files and folders are left out, links are
+            such as `masks/**/*.png`, where no file has that very name. Hidden files and folders are left out, links are
             followed, and a folder that is reached twice is read once.
-        members: which members of tar archives are masks, as a pattern such as "*.mask.png"; None takes all with a
+        members: which members of tar archives are masks, as a pattern such as `*.mask.png`; None takes all with a
             suffix of a mask.
 
     Returns:
-        One source a mask: the files of a folder sorted by path, an .npz archive as its arrays, a tar archive as its
-        members, a COCO file as its annotations, and what cannot be read as a source with an error.
+        One source a mask, however often it is reached: the files of a folder sorted by path, an .npz archive as its
+        arrays, a tar archive as its members, a COCO file as its annotations, and what cannot be read as a source with
+        an error.
 
     Raises:
         ImportError: there are COCO files, and pycocotools is not installed.
     """
-    return [source for path in paths for file in _files(Path(path)) for source in open_file(file, members)]
+    found = (source for path in paths for file in _files(Path(path)) for source in open_file(file, members))
+    return list({source.name: source for source in found}.values())
 
 
 def find_files(paths: Iterable[str | os.PathLike[str]]) -> Iterator[Source]:
@@ -117,4 +120,7 @@ def _arrays(path: Path) -> list[str]:
 
 
 def _text(path: str | Path) -> str:
-    return os.fsencode(path).decode("utf-8", "backslashreplace")
+    try:
+        return os.fsencode(path).decode("utf-8", "backslashreplace")
+    except UnicodeEncodeError:  # the id of an annotation may hold half of a pair of surrogates
+        return str(path).encode("utf-8", "backslashreplace").decode()

@@ -122,15 +122,31 @@ def level_entropy(values: Tensor, level: Tensor, num_levels: int, bins: int = 10
         >>> level_entropy(values, torch.tensor([0, 0, 0, 0, 1, 1]), 2)
         tensor([2., 0.], dtype=torch.float64)
     """
-    bin_of_value = (values * bins + EDGE_SLACK).floor().clamp(0, bins - 1).long()
     # Only the cells that occur are kept: a dense table would have num_levels * bins of them.
-    cell, cell_count = torch.unique(level * bins + bin_of_value, return_counts=True)
+    cell, cell_count = torch.unique(level * bins + bin_of(values, bins), return_counts=True)
     level_of_cell = cell.div(bins, rounding_mode="floor")
     size = torch.bincount(level, minlength=num_levels)  # (num_levels,)
     share = cell_count.to(values.dtype) / size[level_of_cell]
     # An entropy is at most log2(bins) <= 20.
     entropy = segment_sum(-share * share.log2(), level_of_cell, torch.full_like(size, 32))
     return entropy.masked_fill(size == 0, torch.nan)
+
+
+def bin_of(values: Tensor, bins: int) -> Tensor:
+    """Number of the bin that each value in [0, 1] falls into.
+
+    Args:
+        values: any shape, floating point, in [0, 1].
+        bins: number of bins.
+
+    Returns:
+        int64 tensor like `values`, in [0, bins); the edges are those of `level_entropy`.
+
+    Example:
+        >>> bin_of(torch.tensor([0.0, 0.25, 0.4, 1.0]), 4)
+        tensor([0, 1, 1, 3])
+    """
+    return (values * bins + EDGE_SLACK).floor().clamp(0, bins - 1).long()
 
 
 def level_std(values: Tensor, level: Tensor, num_levels: int, bins: int = 1024) -> Tensor:

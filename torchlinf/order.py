@@ -43,6 +43,7 @@ def dominance(
         A networkx.DiGraph. Its nodes are tuples of names, several where shapes are equal in every indicator. It has an
         edge from each node to all that are more complex, and is transitively closed. Node attribute `indicators`: the
         means over the windows (over all scales for None) of the first shape of the node, in bits for the entropy.
+        Attribute `windows` of the graph: those windows.
 
     Raises:
         TypeError: a value is no `ComplexityProfile`.
@@ -60,14 +61,15 @@ def dominance(
     for name, profile in profiles.items():
         require_one_shape(name, profile)
     solved = list(profiles.values())
-    means = means_over(solved, ((0.0, 1.0),) if windows is None else windows)
+    averaged = ((0.0, 1.0),) if windows is None else tuple(windows)
+    means = means_over(solved, averaged)
     rank = ranks(values_at_all_scales(solved) if windows is None else means, slack_of(solved))  # (shapes, indicators)
     members: dict[tuple[int, ...], list[int]] = {}
     for i, row in enumerate(rank.tolist()):
         members.setdefault(tuple(row), []).append(i)
     names, first = list(profiles), [same[0] for same in members.values()]
     nodes = [tuple(names[i] for i in same) for same in members.values()]
-    graph = nx.DiGraph()
+    graph = nx.DiGraph(windows=averaged)
     for node, i in zip(nodes, first, strict=True):
         graph.add_node(node, indicators=tuple(means[i].tolist()))
     for node, i in zip(nodes, first, strict=True):
@@ -96,8 +98,11 @@ def hasse_diagram(graph: "DiGraph") -> "DiGraph":
     """
     import networkx as nx
 
-    reduced = nx.transitive_reduction(graph)
+    kept = nx.transitive_reduction(graph)
+    reduced = nx.DiGraph(**graph.graph)
     reduced.add_nodes_from(graph.nodes(data=True))
+    # Its edges come out of sets, whose order changes from run to run; those of the graph do not.
+    reduced.add_edges_from(edge for edge in graph.edges if kept.has_edge(*edge))
     return reduced
 
 

@@ -1,11 +1,12 @@
 """Figures of masks, their level lines, and their complexity against scale. Needs the extra `plot` (matplotlib)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import ceil
 from typing import TYPE_CHECKING
 
 from torch import Tensor
 
+from torchlinf import _hasse
 from torchlinf._panels import (
     COLOURS,
     TITLES,
@@ -13,25 +14,35 @@ from torchlinf._panels import (
     axes_or_new,
     draw_legend,
     draw_levels,
+    draw_map,
     draw_profile,
     draw_regions,
     looks,
     page,
+    shares,
     shorten,
     slices,
     solve,
     solve_all,
 )  # fmt: skip
+from torchlinf.order import WINDOWS, Node, dominance
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from networkx import DiGraph
 
     from torchlinf.regions import DecisionRegions
 
 
 def profile(
-    mask: Tensor, *, label: str | None = None, color: str | None = None, style: str = "-", ax: "Axes | None" = None
+    mask: Tensor,
+    *,
+    label: str | None = None,
+    color: str | None = None,
+    style: str = "-",
+    estimator: str = "entropy",
+    ax: "Axes | None" = None,
 ) -> "Axes":
     """Draw the complexity of one shape against scale, level by level.
 
@@ -40,15 +51,17 @@ def profile(
         label: name of the line in a legend.
         color: colour of the line; None takes the next of `COLOURS`.
         style: line style, as matplotlib writes it.
-        ax: where to draw; None makes a new figure. Call again with the axes returned to compare shapes.
+        estimator: "entropy", or "std" for the standard deviation of f / max f on each level.
+        ax: where to draw; None makes a new figure. Call again with the axes returned to compare shapes, all by the same
+            estimator.
 
     Returns:
-        The axes: scale in (0, 1] without unit, complexity in bits.
+        The axes: scale in (0, 1] without unit, complexity in bits, or a standard deviation without unit.
 
     Raises:
         ImportError: matplotlib is not installed.
         TypeError: `mask` is no tensor.
-        ValueError: `mask` is empty or not binary.
+        ValueError: `mask` is empty or not binary, or `estimator` is neither of the two.
 
     Example:
         >>> from torchlinf import plot, shapes
@@ -57,11 +70,12 @@ def profile(
         >>> ax.get_ylabel()
         'complexity (bits)'
     """
-    solved, ax = solve(mask), axes_or_new(ax)
-    return draw_profile(ax, solved, label, Look(color or COLOURS[len(ax.patches) % len(COLOURS)], style))
+    solved, ax = solve(mask, estimator), axes_or_new(ax)
+    look = Look(color or COLOURS[len(ax.patches) % len(COLOURS)], style)
+    return draw_profile(ax, solved, label, look, estimator)
 
 
-def levels(mask: Tensor, *, of: str = "field", ax: "Axes | None" = None) -> "Axes":
+def levels(mask: Tensor, *, of: str | Tensor = "field", color: str | None = None, ax: "Axes | None" = None) -> "Axes":
     """Draw a shape with level lines.
 
     On a square both kinds of lines are nested squares. How the lines of the field leave those of the distance is what
@@ -70,7 +84,9 @@ def levels(mask: Tensor, *, of: str = "field", ax: "Axes | None" = None) -> "Axe
     Args:
         mask: one shape, (H, W) or (D, H, W), values 0 or 1, not empty. Of a volume the slice through its deepest voxel
             is drawn.
-        of: "field" for f / max f, "distance" for the scale t = d / D.
+        of: "field" for f / max f, "distance" for the scale t = d / D; or another field to compare them with, (H, W),
+            0 outside the shape and positive inside, which is divided by its maximum.
+        color: the shape is filled with a pale tint of it; None takes the first of `COLOURS`.
         ax: where to draw; None makes a new figure.
 
     Returns:
@@ -79,7 +95,8 @@ def levels(mask: Tensor, *, of: str = "field", ax: "Axes | None" = None) -> "Axe
     Raises:
         ImportError: matplotlib is not installed.
         TypeError: `mask` is no tensor.
-        ValueError: `mask` is empty, not binary, or neither 2-D nor 3-D; or `of` is neither of the two.
+        ValueError: `mask` is empty, not binary, or neither 2-D nor 3-D; `of` is another word than these two, or a field
+            of another shape than an image's `mask`.
 
     Example:
         >>> from torchlinf import plot, shapes
@@ -87,13 +104,53 @@ def levels(mask: Tensor, *, of: str = "field", ax: "Axes | None" = None) -> "Axe
         >>> ax.get_xlabel(), ax.get_ylabel()
         ('column (pixels)', 'row (pixels)')
     """
-    if of not in TITLES:
+    if isinstance(of, str) and of not in TITLES:
         raise ValueError(f"of must be 'field' or 'distance'; got {of!r}. Pass of='field' for f / max f.")
     field, scale = slices(mask)
+    if isinstance(of, Tensor):
+        if of.shape != mask.shape or mask.ndim != 2:
+            raise ValueError(
+                f"of must be a field on an image, of the shape of mask; got {tuple(of.shape)} for {tuple(mask.shape)}. "
+                "Pass one value for each pixel."
+            )
+        values, title = (of / of.max()).numpy(force=True), "field / its maximum"
+    else:
+        values, title = field if of == "field" else scale, TITLES[of]
     ax = axes_or_new(ax)
-    draw_levels(ax, field if of == "field" else scale, COLOURS[0])
-    ax.set(xlabel="column (pixels)", ylabel="row (pixels)", title=TITLES[of])
+    draw_levels(ax, values, color or COLOURS[0])
+    ax.set(xlabel="column (pixels)", ylabel="row (pixels)", title=title)
     return ax
+
+
+def complexity_map(
+    mask: Tensor, *, low: float = 0.0, high: float = 1.0, top: float | None = None, ax: "Axes | None" = None
+) -> "Axes":
+    """Draw where the complexity of a shape sits: each pixel in the colour of its share, with a colour bar.
+
+    Args:
+        mask: one shape, (H, W) or (D, H, W), values 0 or 1, not empty. Of a volume the slice through its deepest voxel
+            is drawn.
+        low: lower end of the window of scales, excluded.
+        high: upper end of the window, included; 0 <= low < high <= 1.
+        top: the share in bits per pixel from which on all have the darkest colour; None means that 98 % of the pixels
+            with a share have less.
+        ax: where to draw; None makes a new figure.
+
+    Returns:
+        The axes, in pixels, of equal aspect, rows downwards; the title has the sum over the whole shape, in bits.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        TypeError: `mask` is no tensor.
+        ValueError: `mask` is empty, not binary, or neither 2-D nor 3-D; or low and high are no window.
+
+    Example:
+        >>> from torchlinf import plot, shapes
+        >>> plot.complexity_map(shapes.disc(16), high=0.25).get_title()
+        '... bits'
+    """
+    whole, drawn = shares(mask, low, high)
+    return draw_map(axes_or_new(ax), drawn, whole, top)
 
 
 def shapes(masks: Mapping[str, Tensor]) -> "Figure":
@@ -202,3 +259,42 @@ def decision_regions(regions: "DecisionRegions", *, ax: "Axes | None" = None) ->
             "decision_plane."
         )
     return draw_regions(axes_or_new(ax), regions)
+
+
+def hasse(
+    masks: Mapping[str, Tensor],
+    *,
+    order: "DiGraph | None" = None,
+    windows: Sequence[tuple[float, float]] | None = WINDOWS,
+    highlight: Sequence[Node] = (),
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Draw the Hasse diagram of a partial order of shapes: each line leads up to a shape that is more complex.
+
+    A shape is higher than another if a path of lines leads up to it; the others cannot be compared. Steps that follow
+    from others are left out. Shapes that are equal, within the certified error, stand together in a frame.
+
+    Args:
+        masks: the shapes by name, each as for `levels`. Up to about twenty stay readable.
+        order: the order, as `torchlinf.order.dominance` returns it; None makes it of the masks.
+        windows: the windows of scales by which it is made, or None for all scales; unused where `order` is given.
+        highlight: nodes to be drawn in another colour, with the lines from each to the next; a chain, for example.
+        ax: where to draw; None makes a new figure of a size that suits.
+
+    Returns:
+        The axes. Shapes are drawn with the longer side at 1, whatever their size in pixels; below are their names
+        and the means over the windows in bits.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        TypeError, ValueError: a mask or the windows cannot be used, or `order` has names that `masks` has not.
+
+    Example:
+        >>> from torchlinf import plot, shapes
+        >>> ax = plot.hasse({"disc": shapes.disc(16), "square": shapes.square(32), "box": shapes.box(9, 20)})
+        >>> len(ax.images), len(ax.lines)
+        (3, 1)
+    """
+    if order is None:
+        order = dominance(solve_all(masks), windows=windows)
+    return _hasse.draw_order(ax, order, masks, highlight)

@@ -19,7 +19,7 @@ from benchmarks.paper_noise.squares import FACTORS, Assumptions, noisy_squares
 from torchlinf import ComplexityProfile, complexity_profile
 from torchlinf.order import kendall_tau
 
-PAGE = Path(__file__).parents[2] / "examples" / "paper" / "plot_paper_7_noise.py"
+PAGE = Path(__file__).parents[2] / "examples" / "paper" / "plot_paper_07_noise.py"
 SCALES = tuple(k / 10 for k in range(1, 10))
 PAPER_SETS = 50
 DRAWS = 4000

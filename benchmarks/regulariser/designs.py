@@ -18,10 +18,10 @@ Design = Callable[[Tensor], tuple[float, Tensor]]
 GENERATOR = torch.Generator()
 
 
-def exact_moves(probability: Tensor, max_moves: int = 64) -> tuple[float, Tensor]:
+def exact_moves(probability: Tensor, max_moves: int = 64, deformations: bool = False) -> tuple[float, Tensor]:
     """The design of the library: differences of the hard complexity under moves of whole regions."""
     leaf = probability.clone().requires_grad_()
-    value = ShapeComplexityLoss(max_moves=max_moves)(leaf[None, None])
+    value = ShapeComplexityLoss(max_moves=max_moves, deformations=deformations)(leaf[None, None])
     value.backward()
     return value.item(), leaf.grad
 
@@ -91,6 +91,7 @@ def _smoothed(stack: Tensor, sigma: float) -> Tensor:
 DESIGNS: dict[str, Design] = {
     "exact moves": exact_moves,
     "exact moves, at most 16": few_moves,
+    "exact moves, at most 16, and deformations": partial(exact_moves, max_moves=16, deformations=True),
     "single pixels": single_pixels,
     "thresholds": thresholds,
     "random perturbations": perturbations,

@@ -3,17 +3,34 @@
 from collections.abc import Callable
 from typing import Any
 
-import numba
+from torchlinf._kernels._collector import collector_at_rest
+
+with collector_at_rest():
+    import numba
 
 # Sums may be fused and reordered by no one: certificates rest on the order of operations. NaN and infinities cannot
 # occur (inputs are checked), and saying so lets the compiler turn max/min into single vector instructions.
 _FLAGS = {"nnan", "ninf", "nsz"}
 
 
-def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+def kernel(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
     """Compile `function` without the GIL, cached on disk where any folder can be written."""
-    options = {"nogil": True, "fastmath": _FLAGS, "error_model": "numpy"}
+    options |= {"nogil": True, "fastmath": _FLAGS, "error_model": "numpy"}
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba found no writable place for its cache: compile anew in each process
         return numba.njit(**options)(function)
+
+
+def lean_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same for functions that make no arrays: nobody counts references, at an atomic instruction each, to any."""
+    return kernel(function, _nrt=False)
+
+
+@kernel
+def _nothing() -> None:
+    pass
+
+
+with collector_at_rest():
+    _nothing()  # with its first kernel, whichever that is, numba loads as much again as with its import

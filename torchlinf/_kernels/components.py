@@ -9,23 +9,23 @@ for, a few where the unknowns are thousands.
 
 import numpy as np
 
-from torchlinf._kernels._compile import kernel
+from torchlinf._kernels._compile import kernel, lean_kernel
 from torchlinf._kernels.krylov import bicgstab, substitute
 from torchlinf._kernels.thomas import solve_chain, solve_chain_affine
 
-HEAD, LAST = 0, 1  # rows of `chains`: the chain's lowest and its highest pixel
+HEAD, LAST, LENGTH = 0, 1, 2  # rows of `chains`: the chain's lowest and its highest pixel, and how many it has
 
 _DENSE = 48  # feedback up to which elimination beats the Krylov iteration
 
 
-@kernel
+@lean_kernel
 def dependency(chains, chain, side, up, down):  # type: ignore[no-untyped-def]
     """The pixel beyond the head (side 0) or the last pixel (side 1); that pixel itself where it is its own."""
     return down[chains[HEAD, chain]] if side == 0 else up[chains[LAST, chain]]
 
 
 @kernel
-def solve_component(v, order, chains, owner, up, down, factors, screening, tol, work):  # type: ignore[no-untyped-def]
+def solve_component(v, order, chains, owner, up, down, factors, screening, tol):  # type: ignore[no-untyped-def]
     """Solve the chains named in `order` together and in place. Returns the number of unknowns.
 
     `order` is that of the depth-first search; `owner` is above 0 on the component and of no use afterwards.
@@ -43,22 +43,18 @@ def solve_component(v, order, chains, owner, up, down, factors, screening, tol, 
     for j in range(size):
         v[target[j]] = max(x[feedback.size + j], 0.0)  # as the solution is: below 0 would say that it is unsolved
     for chain in order:
-        solve_chain(v, chains[HEAD, chain], chains[LAST, chain], up, down, factors, screening, work)
+        head, last, length = chains[HEAD, chain], chains[LAST, chain], chains[LENGTH, chain]
+        solve_chain(v, head, last, length, up, down, factors, screening)
     return size
 
 
-@kernel
+@lean_kernel
 def _mark_targets(order, chains, owner, up, down):  # type: ignore[no-untyped-def]
     """Make `owner` negative where a chain depends on it. Returns how many these are, and the longest chain's length."""
     size = 0
     longest = 0
     for chain in order:
-        length = 1
-        x = chains[HEAD, chain]
-        while x != chains[LAST, chain]:
-            x = up[x]
-            length += 1
-        longest = max(longest, length)
+        longest = max(longest, chains[LENGTH, chain])
         for side in range(2):
             target = dependency(chains, chain, side, up, down)
             if owner[target] > 0 and target != chains[side, chain]:
@@ -76,25 +72,22 @@ def _affine_rows(v, order, size, longest, chains, owner, up, down, factors):  # 
     target = np.empty(size, np.int64)
     constant = np.empty(size)
     weight = np.zeros((size, 2))
-    index = np.full((size, 2), -1)
+    index = np.empty((size, 2), np.int64)
     responses = np.empty((3, longest))
     end = 0
     for chain in order:
         begin = end
-        place = 0
         x = chains[HEAD, chain]
-        while True:
+        for place in range(chains[LENGTH, chain]):
             if owner[x] < 0:
                 target[end] = x
                 owner[x] = -1 - end
                 index[end, 0] = place
                 end += 1
-            if x == chains[LAST, chain]:
-                break
             x = up[x]
-            place += 1
         if end > begin:
-            solve_chain_affine(chains[HEAD, chain], chains[LAST, chain], up, down, factors, responses)
+            peak = up[chains[LAST, chain]] == chains[LAST, chain]
+            solve_chain_affine(chains[LENGTH, chain], peak, factors, responses)
         for j in range(begin, end):
             place = index[j, 0]
             constant[j] = responses[0, place]

@@ -2,23 +2,24 @@
 
 import numpy as np
 
-from torchlinf._kernels._compile import kernel
+from torchlinf._kernels._compile import kernel, lean_kernel
 
 # Rarely needed, but a component left inexact ties its pixels into still larger ones in the next round.
 _ITERATIONS = 1000
 _DIVERGED = 1e8  # growth of the residual at which it is given up, long before anything overflows
 
 
-@kernel
+@lean_kernel
 def substitute(share, constant, weight, index, z, x):  # type: ignore[no-untyped-def]
     """x = z, then all rows in order: share constant_j + weight_j0 x_index_j0 + weight_j1 x_index_j1."""
     count = z.size
-    x[:count] = z
+    for j in range(count):
+        x[j] = z[j]
     for j in range(constant.size):
         x[count + j] = share * constant[j] + weight[j, 0] * x[index[j, 0]] + weight[j, 1] * x[index[j, 1]]
 
 
-@kernel
+@lean_kernel
 def _apply(constant, weight, index, feedback, z, x, out):  # type: ignore[no-untyped-def]
     """out = (I - P) z."""
     substitute(0.0, constant, weight, index, z, x)
@@ -26,7 +27,7 @@ def _apply(constant, weight, index, feedback, z, x, out):  # type: ignore[no-unt
         out[j] = z[j] - x[z.size + feedback[j]]
 
 
-@kernel
+@lean_kernel
 def _dot(a, b):  # type: ignore[no-untyped-def]
     total = 0.0
     for j in range(a.size):

@@ -4,19 +4,23 @@ A chain is named by its place on Tarjan's stack, so that what is known of it liv
 What is solved has v >= 0, as in `chains`.
 """
 
-from torchlinf._kernels._compile import kernel
-from torchlinf._kernels.components import HEAD, LAST, dependency, solve_component
+from torchlinf._kernels._compile import lean_kernel
+from torchlinf._kernels.components import HEAD, LAST, LENGTH, dependency, solve_component
 from torchlinf._kernels.thomas import solve_chain
 
 # Rows of `chains`: low link, dependencies looked at, the chain that asked for it; and the chains that the search has
 # left and that are not yet solved, in that order.
-LOW, VISITED, CALLER, LEFT = 2, 3, 4, 5
+LOW, VISITED, CALLER, LEFT = 3, 4, 5, 6
+ROWS = 7
 _LOOP = 4  # added to VISITED for every dependency of a chain on itself
 
 
-@kernel
-def solve_tangle(v, root, up, down, factors, screening, tol, owner, chains, work):  # type: ignore[no-untyped-def]
-    """Solve a pixel and all it depends on; see `chains.solve_policies`, also for what is returned."""
+@lean_kernel
+def solve_tangle(v, root, up, down, factors, screening, tol, owner, chains):  # type: ignore[no-untyped-def]
+    """Solve a pixel and all it depends on; see `chains.solve_policies`, also for what is returned.
+
+    `owner` is 0 or less at what is unsolved, and 0 at what this has solved.
+    """
     unknowns = 0
     height = 1
     left = 0
@@ -31,7 +35,7 @@ def solve_tangle(v, root, up, down, factors, screening, tol, owner, chains, work
             if v[target] >= 0.0 or target == chains[side, chain]:
                 continue
             state = owner[target]
-            if state == 0:
+            if state <= 0:
                 _open_chain(target, height, chains, owner, up, down)
                 chains[CALLER, height] = chain
                 chain = height
@@ -49,10 +53,11 @@ def solve_tangle(v, root, up, down, factors, screening, tol, owner, chains, work
             chains[LOW, caller] = min(chains[LOW, caller], low)
         else:
             if height == chain + 1 and chains[VISITED, chain] < _LOOP:
-                solve_chain(v, chains[HEAD, chain], chains[LAST, chain], up, down, factors, screening, work)
+                head, last, length = chains[HEAD, chain], chains[LAST, chain], chains[LENGTH, chain]
+                solve_chain(v, head, last, length, up, down, factors, screening)
             else:
                 order = chains[LEFT, left - (height - chain) : left]
-                unknowns += solve_component(v, order, chains, owner, up, down, factors, screening, tol, work)
+                unknowns += solve_component(v, order, chains, owner, up, down, factors, screening, tol)
             for done in range(chain, height):
                 _close_chain(done, chains, owner, up)
             left -= height - chain
@@ -61,22 +66,29 @@ def solve_tangle(v, root, up, down, factors, screening, tol, owner, chains, work
     return unknowns
 
 
-@kernel
+@lean_kernel
 def _open_chain(x, number, chains, owner, up, down):  # type: ignore[no-untyped-def]
     """Find the chain through x and write 1 + its number on all its pixels."""
-    while down[x] != x and up[down[x]] == x:
-        x = down[x]
+    y = down[x]
+    while y != x and up[y] == x:
+        x = y
+        y = down[y]
     chains[HEAD, number] = x
     owner[x] = number + 1
-    while up[x] != x and down[up[x]] == x:
-        x = up[x]
+    length = 1
+    y = up[x]
+    while y != x and down[y] == x:
+        x = y
         owner[x] = number + 1
+        y = up[y]
+        length += 1
     chains[LAST, number] = x
+    chains[LENGTH, number] = length
     chains[LOW, number] = number
     chains[VISITED, number] = 0
 
 
-@kernel
+@lean_kernel
 def _close_chain(number, chains, owner, up):  # type: ignore[no-untyped-def]
     """Erase the number from the chain's pixels."""
     x = chains[HEAD, number]

@@ -1,0 +1,52 @@
+"""What the commands that write a picture share: its name, the names in it, and the masks."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from torchlinf.scoring import Source, UnreadableMaskError, read_source
+
+
+def require_matplotlib(command: str) -> None:
+    """End the command with advice if matplotlib is not installed."""
+    try:
+        import matplotlib
+    except ImportError:
+        typer.echo(f"{command} needs matplotlib. Run: pip install 'torchlinf[plot]'", err=True)
+        raise typer.Exit(2) from None
+    matplotlib.use("Agg")  # a picture for a file needs no screen
+
+
+def check_picture(picture: Path, sources: list[Source], most: int) -> None:
+    """Refuse what would fail, or be regretted, after the masks have been solved."""
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    problem = None
+    if picture.suffix[1:].lower() not in FigureCanvasBase.get_supported_filetypes():
+        problem = f"{picture} has no suffix of a picture; pass for example profiles.png"
+    elif not os.access(picture.parent, os.W_OK):
+        problem = f"the folder {picture.parent} cannot be written to"
+    elif picture.exists() and any(source.path.exists() and picture.samefile(source.path) for source in sources):
+        problem = f"{picture} is one of the masks"
+    if problem:
+        raise typer.BadParameter(problem, param_hint="--plot")
+    if len(sources) > most:
+        raise typer.BadParameter(f"one picture holds {most} masks; got {len(sources)}. Name fewer")
+
+
+def title(source: Source, sources: list[Source]) -> str:
+    """The shortest name that tells the source from the others."""
+    short = source.path.stem if source.member is None else f"{source.path.stem}:{source.member}"
+    same = [other for other in sources if (other.path.stem, other.member) == (source.path.stem, source.member)]
+    return short if len(same) == 1 else source.name
+
+
+def read_shape(source: Source, threshold: float | None, invert: bool, max_pixels: int) -> NDArray[np.bool_]:
+    """Read a mask that has a pixel inside."""
+    inside = read_source(source, threshold=threshold, invert=invert, max_pixels=max_pixels)
+    if not inside.any():
+        raise UnreadableMaskError("no foreground: no pixel is inside")
+    return inside

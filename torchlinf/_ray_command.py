@@ -1,0 +1,64 @@
+"""`torchlinf score --ray`: the command's side of `torchlinf.distributed`."""
+
+import logging
+import os
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict
+from pathlib import Path
+
+import typer
+
+from torchlinf._shards import Options, Part, find_shards
+from torchlinf.distributed import connected, score_shards
+
+Progress = Callable[[int, int, bool], AbstractContextManager[Callable[[], None]]]
+
+
+def score_on_ray(
+    paths: Sequence[Path],
+    out: Path | None,
+    address: str,
+    workers: int,
+    options: tuple[float | None, bool, int],
+    progress: Progress,
+) -> None:
+    """Score masks into a folder of Parquet files; the arguments are those of the command.
+
+    Raises:
+        typer.BadParameter: there is no folder to write to, or no mask.
+        typer.Exit: some masks failed (1), or all had to end (2).
+    """
+    if out is None:
+        raise typer.BadParameter("--ray writes a folder of Parquet files; pass --out FOLDER", param_hint="--out")
+    shards = find_shards(paths)
+    if not shards:
+        raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}")
+    logging.disable(logging.WARNING)  # Ray reports its own steps, and where it keeps more of them
+    parts: list[Part] = []
+    try:
+        with connected(address, workers=workers), progress(0, len(shards), True) as advance:
+            for part in score_shards(shards, out, **asdict(Options(*options))):
+                parts.append(part)
+                advance()
+    except ConnectionError as error:
+        _stop(f"Ray cannot be reached at {address} ({_first_line(error)}).")
+    except OSError as error:
+        why = os.strerror(error.errno) if error.errno else _first_line(error)
+        _stop(f"The table cannot be written ({why}); it has {len(parts)} of {len(shards)} parts.")
+    except (ImportError, ValueError) as error:
+        _stop(_first_line(error))
+    failed = sum(part.failed for part in parts)
+    if failed:
+        total = sum(part.masks for part in parts)
+        typer.echo(f"{failed} of {total} masks failed; the column 'error' says why.", err=True)
+        raise typer.Exit(1)
+
+
+def _stop(message: str) -> None:
+    typer.echo(message, err=True)
+    raise typer.Exit(2) from None
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).splitlines()), type(error).__name__)
