@@ -15,6 +15,7 @@ import torchlinf.comparison
 import torchlinf.decompose
 import torchlinf.labels
 import torchlinf.metrics
+import torchlinf.order
 import torchlinf.regions
 import torchlinf.scoring
 import torchlinf.transforms
@@ -83,6 +84,7 @@ def test_the_version_has_three_numbers() -> None:
             "(probability, *, low=0.0, high=1.0, bandwidth=0.0009765625, estimator='entropy', rho=None, slices=1, "
             "tol=1e-09, spatial_ndim=None)",
         ),
+        (torchlinf.order.kendall_tau, "(profiles)"),
         (torchlinf.ComplexityProfile.mean, "(self, low=0.0, high=1.0)"),
         (torchlinf.ComplexityProfile.levels, "(self)"),
         (torchlinf.ComplexityProfile.peak, "(self)"),

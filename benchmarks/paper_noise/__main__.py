@@ -25,6 +25,7 @@ TEXT = (50, 100, 200, 400)
 VARIATIONS: dict[str, tuple[Assumptions, str]] = {
     BASE: (Assumptions(), "at"),
     "mean complexity over (0, t]": (Assumptions(), "up to"),
+    "mean complexity over (0, t], side 150": (Assumptions(side=150), "up to"),
     **{f"side {side}": (Assumptions(side=side), "at") for side in (128, 160, 180, 220, 256)},
     "lines outwards only": (Assumptions(lines="outwards"), "at"),
     "lines outwards only, side 150": (Assumptions(lines="outwards", side=150), "at"),
@@ -39,6 +40,7 @@ VARIATIONS: dict[str, tuple[Assumptions, str]] = {
     "closed after every addition": (Assumptions(closing="always"), "at"),
     "closed after every addition, side 220": (Assumptions(closing="always", side=220), "at"),
     "additions on the first square's boundary": (Assumptions(boundary="first"), "at"),
+    "additions on the first square's boundary, side 256": (Assumptions(boundary="first", side=256), "at"),
 }
 
 
