@@ -13,18 +13,13 @@ with collector_at_rest():
 _FLAGS = {"nnan", "ninf", "nsz"}
 
 
-def kernel(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile `function` without the GIL, cached on disk where any folder can be written."""
-    options |= {"nogil": True, "fastmath": _FLAGS, "error_model": "numpy"}
+    options = {"nogil": True, "fastmath": _FLAGS, "error_model": "numpy"}
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba found no writable place for its cache: compile anew in each process
         return numba.njit(**options)(function)
-
-
-def lean_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same for functions that make no arrays: nobody counts references, at an atomic instruction each, to any."""
-    return kernel(function, _nrt=False)
 
 
 @kernel

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from torchlinf._kernels import sweeps
-from torchlinf._kernels._compile import kernel, lean_kernel
+from torchlinf._kernels._compile import kernel
 from torchlinf._kernels.grid import Grid, block_offsets, row_strides
 
 COLUMNS = 32  # a tile's side along the rows: long enough for vector instructions
@@ -71,7 +71,7 @@ class Activity:
         self.share = share
 
 
-@lean_kernel
+@kernel
 def _place_runs(starts, ends, strides, sides, tile_strides, whole):  # type: ignore[no-untyped-def]
     """Rows of `whole`: starts, ends, tile of the first pixel, its column in that tile; returns the number of pieces."""
     pieces = 0
@@ -92,7 +92,7 @@ def _place_runs(starts, ends, strides, sides, tile_strides, whole):  # type: ign
     return pieces
 
 
-@lean_kernel
+@kernel
 def _choose(residual, threshold, block, chosen):  # type: ignore[no-untyped-def]
     """Mark the tiles whose residual is above the threshold, and their neighbours."""
     chosen[:] = False
@@ -112,7 +112,7 @@ def _dilate(chosen, block):  # type: ignore[no-untyped-def]
                 chosen[tile + offset] = True
 
 
-@lean_kernel
+@kernel
 def _collect(chosen, whole, pieces):  # type: ignore[no-untyped-def]
     """Cut the runs to the marked tiles; returns how many pieces and pixels are left."""
     count = 0
@@ -140,7 +140,7 @@ def _collect(chosen, whole, pieces):  # type: ignore[no-untyped-def]
     return count, pixels
 
 
-@lean_kernel
+@kernel
 def _measure(v, starts, ends, tiles, columns, rows, screening, buffer, residual):  # type: ignore[no-untyped-def]
     """Set the largest positive and negative part of R(v) of all tiles that the runs touch."""
     for run in range(starts.size):

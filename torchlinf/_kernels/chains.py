@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from torchlinf._kernels._compile import lean_kernel
+from torchlinf._kernels._compile import kernel
 from torchlinf._kernels.grid import Grid
 from torchlinf._kernels.tangles import ROWS, solve_tangle
 from torchlinf._kernels.thomas import solve_chain, thomas_factors
@@ -23,18 +23,20 @@ _ON_PATH = -1
 
 
 class PolicySystem:
-    """The policies of one shape and the memory to solve for them: some 44 bytes a pixel."""
+    """The policies of one shape and the memory to solve for them: some 52 bytes a pixel, rarely all of them used."""
 
     def __init__(self, grid: Grid, screening: float) -> None:
         """Allocate for a grid."""
         self.grid = grid
         size = math.prod(grid.shape)
-        self.up = np.zeros(size, np.int32)
-        self.down = np.zeros(size, np.int32)
+        # One piece of memory, which the system is slow to give: a C library that gets back so large a one keeps as much
+        # for the next shape.
+        memory = np.empty(3 * size + (ROWS + 1) * grid.pixels, np.int32)
+        memory[: 3 * size] = 0
+        self.up, self.down, self._owner = memory[: 3 * size].reshape(3, size)
+        self._chains = memory[3 * size : -grid.pixels].reshape(ROWS, grid.pixels)
+        self._path = memory[-grid.pixels :]
         self._screening = screening
-        self._owner = np.zeros(size, np.int32)
-        self._chains = np.empty((ROWS, grid.pixels), np.int32)
-        self._path = np.empty(grid.pixels, np.int32)
         self._factors = thomas_factors(grid.pixels, screening)
 
     def solve(self, v: np.ndarray, tol: float) -> int:
@@ -47,7 +49,7 @@ class PolicySystem:
         )  # fmt: skip
 
 
-@lean_kernel
+@kernel
 def solve_policies(v, starts, ends, up, down, factors, screening, tol, owner, chains, path):  # type: ignore[no-untyped-def]
     """Overwrite v with the solution of the policy system; components that are no chain are solved to `tol`.
 
@@ -73,7 +75,7 @@ def solve_policies(v, starts, ends, up, down, factors, screening, tol, owner, ch
     return unknowns
 
 
-@lean_kernel
+@kernel
 def _follow(v, root, up, down, factors, screening, tol, owner, chains, path):  # type: ignore[no-untyped-def]
     """Solve a pixel and all it depends on, which are kept in `path` from the root to the present one.
 
@@ -110,7 +112,7 @@ def _follow(v, root, up, down, factors, screening, tol, owner, chains, path):  #
     return unknowns
 
 
-@lean_kernel
+@kernel
 def _try_chain(v, x, up, down, factors, screening):  # type: ignore[no-untyped-def]
     """Solve the chain through x, or return a pixel that it depends on and that is not yet solved."""
     length = 1

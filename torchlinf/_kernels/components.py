@@ -9,19 +9,15 @@ for, a few where the unknowns are thousands.
 
 import numpy as np
 
-from torchlinf._kernels._compile import kernel, lean_kernel
+from torchlinf._kernels._compile import kernel
 from torchlinf._kernels.krylov import bicgstab, substitute
 from torchlinf._kernels.thomas import solve_chain, solve_chain_affine
 
-HEAD, LAST, LENGTH = 0, 1, 2  # rows of `chains`: the chain's lowest and its highest pixel, and how many it has
+# Rows of `chains`: the chain's lowest and highest pixel; the pixels beyond these, or these themselves where they are
+# their own neighbours; how many pixels it has.
+HEAD, LAST, BELOW, ABOVE, LENGTH = range(5)
 
 _DENSE = 48  # feedback up to which elimination beats the Krylov iteration
-
-
-@lean_kernel
-def dependency(chains, chain, side, up, down):  # type: ignore[no-untyped-def]
-    """The pixel beyond the head (side 0) or the last pixel (side 1); that pixel itself where it is its own."""
-    return down[chains[HEAD, chain]] if side == 0 else up[chains[LAST, chain]]
 
 
 @kernel
@@ -30,8 +26,8 @@ def solve_component(v, order, chains, owner, up, down, factors, screening, tol):
 
     `order` is that of the depth-first search; `owner` is above 0 on the component and of no use afterwards.
     """
-    size, longest = _mark_targets(order, chains, owner, up, down)
-    target, constant, weight, index = _affine_rows(v, order, size, longest, chains, owner, up, down, factors)
+    size, longest = _mark_targets(order, chains, owner)
+    target, constant, weight, index = _affine_rows(v, order, size, longest, chains, owner, up, factors)
     feedback = _find_feedback(index)
     z = np.abs(v[target[feedback]])
     x = np.empty(feedback.size + size)
@@ -48,15 +44,15 @@ def solve_component(v, order, chains, owner, up, down, factors, screening, tol):
     return size
 
 
-@lean_kernel
-def _mark_targets(order, chains, owner, up, down):  # type: ignore[no-untyped-def]
+@kernel
+def _mark_targets(order, chains, owner):  # type: ignore[no-untyped-def]
     """Make `owner` negative where a chain depends on it. Returns how many these are, and the longest chain's length."""
     size = 0
     longest = 0
     for chain in order:
         longest = max(longest, chains[LENGTH, chain])
         for side in range(2):
-            target = dependency(chains, chain, side, up, down)
+            target = chains[BELOW + side, chain]
             if owner[target] > 0 and target != chains[side, chain]:
                 owner[target] = -owner[target]
                 size += 1
@@ -64,7 +60,7 @@ def _mark_targets(order, chains, owner, up, down):  # type: ignore[no-untyped-de
 
 
 @kernel
-def _affine_rows(v, order, size, longest, chains, owner, up, down, factors):  # type: ignore[no-untyped-def]
+def _affine_rows(v, order, size, longest, chains, owner, up, factors):  # type: ignore[no-untyped-def]
     """Pixels and rows x_j = constant_j + weight_j0 x_index_j0 + weight_j1 x_index_j1 of the unknowns, in order.
 
     What comes from solved pixels is in the constant. A row's index is -1 where it has none, and `owner` -1 - j.
@@ -86,13 +82,13 @@ def _affine_rows(v, order, size, longest, chains, owner, up, down, factors):  # 
                 end += 1
             x = up[x]
         if end > begin:
-            peak = up[chains[LAST, chain]] == chains[LAST, chain]
+            peak = chains[ABOVE, chain] == chains[LAST, chain]
             solve_chain_affine(chains[LENGTH, chain], peak, factors, responses)
         for j in range(begin, end):
             place = index[j, 0]
             constant[j] = responses[0, place]
             for side in range(2):
-                y = dependency(chains, chain, side, up, down)
+                y = chains[BELOW + side, chain]
                 if owner[y] < 0 and y != chains[side, chain]:
                     weight[j, side] = responses[1 + side, place]
                     index[j, side] = y

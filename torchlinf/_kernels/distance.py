@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from torchlinf._kernels._compile import lean_kernel
+from torchlinf._kernels._compile import kernel
 from torchlinf._kernels.grid import Grid
 
 
@@ -16,7 +16,7 @@ def chessboard_of(grid: Grid) -> np.ndarray:
     return distance
 
 
-@lean_kernel
+@kernel
 def chessboard(distance, starts, ends, rows, scratch):  # type: ignore[no-untyped-def]
     """Fill `distance` (flat, padded, 0 outside the runs) with the distance to the nearest outside pixel.
 
@@ -42,7 +42,7 @@ def chessboard(distance, starts, ends, rows, scratch):  # type: ignore[no-untype
                     values[j] = previous
 
 
-@lean_kernel
+@kernel
 def _nearest(distance, start, length, rows, backward, scratch):  # type: ignore[no-untyped-def]
     """1 + the least distance among the block's rows before (or after) the run, column by column."""
     far = 2**30

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from torchlinf._kernels._compile import kernel, lean_kernel
+from torchlinf._kernels._compile import kernel
 
 # Rarely needed, but a component left inexact ties its pixels into still larger ones in the next round.
 _ITERATIONS = 1000
 _DIVERGED = 1e8  # growth of the residual at which it is given up, long before anything overflows
 
 
-@lean_kernel
+@kernel
 def substitute(share, constant, weight, index, z, x):  # type: ignore[no-untyped-def]
     """x = z, then all rows in order: share constant_j + weight_j0 x_index_j0 + weight_j1 x_index_j1."""
     count = z.size
@@ -19,7 +19,7 @@ def substitute(share, constant, weight, index, z, x):  # type: ignore[no-untyped
         x[count + j] = share * constant[j] + weight[j, 0] * x[index[j, 0]] + weight[j, 1] * x[index[j, 1]]
 
 
-@lean_kernel
+@kernel
 def _apply(constant, weight, index, feedback, z, x, out):  # type: ignore[no-untyped-def]
     """out = (I - P) z."""
     substitute(0.0, constant, weight, index, z, x)
@@ -27,7 +27,7 @@ def _apply(constant, weight, index, feedback, z, x, out):  # type: ignore[no-unt
         out[j] = z[j] - x[z.size + feedback[j]]
 
 
-@lean_kernel
+@kernel
 def _dot(a, b):  # type: ignore[no-untyped-def]
     total = 0.0
     for j in range(a.size):

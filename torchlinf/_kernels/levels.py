@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from torchlinf._kernels._compile import kernel, lean_kernel
+from torchlinf._kernels._compile import kernel
 
 
-@lean_kernel
+@kernel
 def _parent_row(x, strides, parent_strides):  # type: ignore[no-untyped-def]
     """Flat index of the parent of pixel x, both grids padded by one: coordinate c becomes (c - 1) // 2 + 1."""
     parent = 0
@@ -16,7 +16,7 @@ def _parent_row(x, strides, parent_strides):  # type: ignore[no-untyped-def]
     return parent
 
 
-@lean_kernel
+@kernel
 def coarsen(starts, ends, strides, parents, parent_strides):  # type: ignore[no-untyped-def]
     """Mark every parent that has an inside child, so that no part of a shape is lost."""
     for run in range(starts.size):
@@ -40,7 +40,7 @@ def square_profile(radius, screening):  # type: ignore[no-untyped-def]
     return profile
 
 
-@lean_kernel
+@kernel
 def set_profile(v, distance, starts, ends, profile):  # type: ignore[no-untyped-def]
     """v(x) = g(d(x)), the field if the shape were a square."""
     for run in range(starts.size):
@@ -48,7 +48,7 @@ def set_profile(v, distance, starts, ends, profile):  # type: ignore[no-untyped-
             v[x] = profile[distance[x]]
 
 
-@lean_kernel
+@kernel
 def scale_by_parents(v, starts, ends, strides, parent_v, parent_distance, parent_profile, parent_strides):  # type: ignore[no-untyped-def]
     """Multiply v by the parents' ratio of field to profile.
 

@@ -6,10 +6,10 @@ neighbouring rows, column by column, then over three adjacent columns.
 
 import numpy as np
 
-from torchlinf._kernels._compile import lean_kernel
+from torchlinf._kernels._compile import kernel
 
 
-@lean_kernel
+@kernel
 def _row_extrema(v, rows, first, count, high, low):  # type: ignore[no-untyped-def]
     """Max and min over the neighbouring rows, for columns first .. first + count."""
     for group in range(0, rows.size, 3):
@@ -26,7 +26,7 @@ def _row_extrema(v, rows, first, count, high, low):  # type: ignore[no-untyped-d
                 low[j] = min(min(min(a[j], b[j]), c[j]), low[j])
 
 
-@lean_kernel
+@kernel
 def sweep(v, starts, ends, rows, screening, num_sweeps, buffer):  # type: ignore[no-untyped-def]
     """Apply T in place, `num_sweeps` times, row by row, down and up in turn.
 
@@ -48,7 +48,7 @@ def sweep(v, starts, ends, rows, screening, num_sweeps, buffer):  # type: ignore
                 values[j] = (most + least + 1.0) * inverse
 
 
-@lean_kernel
+@kernel
 def row_residuals(v, start, length, rows, screening, buffer):  # type: ignore[no-untyped-def]
     """R(v) = (M v - v) - (v - N v) + (1 - s v) on one run, into buffer[2].
 
@@ -63,7 +63,7 @@ def row_residuals(v, start, length, rows, screening, buffer):  # type: ignore[no
         residual[j] = ((most - values[j]) - (values[j] - least)) + (1.0 - screening * values[j])
 
 
-@lean_kernel
+@kernel
 def residual_bounds(v, starts, ends, rows, screening, buffer):  # type: ignore[no-untyped-def]
     """Largest positive and negative part of R(v) on the shape."""
     above = 0.0
@@ -78,7 +78,7 @@ def residual_bounds(v, starts, ends, rows, screening, buffer):  # type: ignore[n
     return above, below
 
 
-@lean_kernel
+@kernel
 def choose_policies(v, starts, ends, rows, tie, up, down, buffer):  # type: ignore[no-untyped-def]
     """The neighbours that hold the block max (up) and min (down) of every pixel.
 
@@ -101,7 +101,7 @@ def choose_policies(v, starts, ends, rows, tie, up, down, buffer):  # type: igno
             below[j] = start + j if values[j] <= least[j] else below[j]
 
 
-@lean_kernel
+@kernel
 def _choose_in_row(v, first, length, most, least, above, below):  # type: ignore[no-untyped-def]
     """Point every pixel to the first of its three neighbours in one row that holds its extremum, if one does."""
     left, middle, right = (

@@ -4,18 +4,18 @@ A chain is named by its place on Tarjan's stack, so that what is known of it liv
 What is solved has v >= 0, as in `chains`.
 """
 
-from torchlinf._kernels._compile import lean_kernel
-from torchlinf._kernels.components import HEAD, LAST, LENGTH, dependency, solve_component
+from torchlinf._kernels._compile import kernel
+from torchlinf._kernels.components import ABOVE, BELOW, HEAD, LAST, LENGTH, solve_component
 from torchlinf._kernels.thomas import solve_chain
 
 # Rows of `chains`: low link, dependencies looked at, the chain that asked for it; and the chains that the search has
 # left and that are not yet solved, in that order.
-LOW, VISITED, CALLER, LEFT = 3, 4, 5, 6
-ROWS = 7
+LOW, VISITED, CALLER, LEFT = range(5, 9)
+ROWS = 9
 _LOOP = 4  # added to VISITED for every dependency of a chain on itself
 
 
-@lean_kernel
+@kernel
 def solve_tangle(v, root, up, down, factors, screening, tol, owner, chains):  # type: ignore[no-untyped-def]
     """Solve a pixel and all it depends on; see `chains.solve_policies`, also for what is returned.
 
@@ -31,7 +31,7 @@ def solve_tangle(v, root, up, down, factors, screening, tol, owner, chains):  # 
         side = chains[VISITED, chain] % _LOOP
         if side < 2:
             chains[VISITED, chain] += 1
-            target = dependency(chains, chain, side, up, down)
+            target = chains[BELOW + side, chain]
             if v[target] >= 0.0 or target == chains[side, chain]:
                 continue
             state = owner[target]
@@ -66,7 +66,7 @@ def solve_tangle(v, root, up, down, factors, screening, tol, owner, chains):  # 
     return unknowns
 
 
-@lean_kernel
+@kernel
 def _open_chain(x, number, chains, owner, up, down):  # type: ignore[no-untyped-def]
     """Find the chain through x and write 1 + its number on all its pixels."""
     y = down[x]
@@ -74,6 +74,7 @@ def _open_chain(x, number, chains, owner, up, down):  # type: ignore[no-untyped-
         x = y
         y = down[y]
     chains[HEAD, number] = x
+    chains[BELOW, number] = y
     owner[x] = number + 1
     length = 1
     y = up[x]
@@ -83,12 +84,13 @@ def _open_chain(x, number, chains, owner, up, down):  # type: ignore[no-untyped-
         y = up[y]
         length += 1
     chains[LAST, number] = x
+    chains[ABOVE, number] = y
     chains[LENGTH, number] = length
     chains[LOW, number] = number
     chains[VISITED, number] = 0
 
 
-@lean_kernel
+@kernel
 def _close_chain(number, chains, owner, up):  # type: ignore[no-untyped-def]
     """Erase the number from the chain's pixels."""
     x = chains[HEAD, number]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from torchlinf._kernels._compile import kernel, lean_kernel
+from torchlinf._kernels._compile import kernel
 
 _SETTLED = 40.0  # screening lengths after which the table changes no more: what is missing has shrunk by exp(-40)
 
@@ -24,7 +24,7 @@ def thomas_factors(length, screening):  # type: ignore[no-untyped-def]
     return factors
 
 
-@lean_kernel
+@kernel
 def solve_chain(v, head, last, length, up, down, factors, screening):  # type: ignore[no-untyped-def]
     """Solve one chain in place, given the values at the two pixels that it depends on.
 
@@ -35,22 +35,21 @@ def solve_chain(v, head, last, length, up, down, factors, screening):  # type: i
     if down[head] == head and up[head] == head:
         v[head] = 1.0 / screening
         return
-    a, b, c = factors[0], factors[1], factors[2]
-    settled = c.size - 1
+    settled = factors.shape[1] - 1
     below = abs(v[down[head]])
     i = min(length - 1, settled)
-    value = a[i] + b[i] * below
-    value = value / (1.0 - c[i]) if up[last] == last else value + c[i] * v[up[last]]
+    value = factors[0, i] + factors[1, i] * below
+    value = value / (1.0 - factors[2, i]) if up[last] == last else value + factors[2, i] * v[up[last]]
     x = last
     v[x] = value
     for place in range(length - 2, -1, -1):
         i = min(place, settled)
         x = down[x]
-        value = (a[i] + b[i] * below) + c[i] * value
+        value = (factors[0, i] + factors[1, i] * below) + factors[2, i] * value
         v[x] = value
 
 
-@lean_kernel
+@kernel
 def solve_chain_affine(length, peak, factors, responses):  # type: ignore[no-untyped-def]
     """v = a + b v(below) + c v(above) at every pixel of a chain, head first, as the rows of `responses`."""
     a, b, c = factors[0], factors[1], factors[2]
