@@ -11,14 +11,17 @@ import pytest
 import torch
 
 import torchlinf
+import torchlinf.comparison
 import torchlinf.labels
 import torchlinf.metrics
 import torchlinf.regions
+import torchlinf.scoring
 import torchlinf.transforms
 from torchlinf import shapes
 
 SOLVE = "rho=None, tol=1e-09"
 PROFILE = f"bins=1024, estimator='entropy', {SOLVE}, method='auto', spatial_ndim=None, dtype=None"
+READ = "threshold=None, invert=False, max_pixels=67108864"
 
 ASKED = (
     "response_method='auto', threshold=None, classes=None, chunk_size=None, bins=1024, estimator='entropy', tol=1e-09"
@@ -127,6 +130,12 @@ def test_the_version_has_three_numbers() -> None:
             torchlinf.regions.DecisionRegionLoss,
             "(bounds=None, resolution=64, *, low=0.0, high=1.0, weight=1.0, keep_area=True, max_moves=16, margin=0.25)",
         ),
+        (torchlinf.scoring.find_masks, "(paths, *, members=None)"),
+        (torchlinf.scoring.read_mask, f"(path, *, member=None, {READ})"),
+        (torchlinf.scoring.score_masks, f"(sources, *, {READ}, workers=1, isolated=False)"),
+        (torchlinf.scoring.open_table, "(path, as_json=False, *, resume=False, retry=False)"),
+        (torchlinf.scoring.read_table, "(path)"),
+        (torchlinf.comparison.compare_scores, "(old, new, *, column='complexity', join='path')"),
         (torchlinf.regions.bounds_around, "(X, *, eps=1.0)"),
         (
             torchlinf.labels.complexity_table,

@@ -4,9 +4,11 @@ import csv
 import io
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tarfile
 import time
 from pathlib import Path
 
@@ -88,7 +90,6 @@ def test_score_into_a_pipe_prints_csv_and_nothing_else(masks: Path) -> None:
 
 
 def test_score_into_a_file_says_the_same(masks: Path, tmp_path: Path) -> None:
-    (tmp_path / "scores.csv").write_text("what was there before\n")
     result = run(app, ["score", str(masks), "--out", str(tmp_path / "scores.csv"), "--workers", "2"])
     assert (result.exit_code, result.stdout) == (0, "")
     written, printed = table((tmp_path / "scores.csv").read_text()), table(run(app, ["score", str(masks)]).stdout)
@@ -105,6 +106,16 @@ def test_json(masks: Path, tmp_path: Path) -> None:
     assert rows[0]["height"] == 31
     assert rows[0]["depth"] is None
     assert rows[3]["error"] == "no such file"
+
+
+def test_members_of_shards(masks: Path, tmp_path: Path) -> None:
+    with tarfile.open(tmp_path / "shard-0.tar", "w") as archive:
+        for name, member in (("a.png", "1.mask.png"), ("b.png", "1.image.png"), ("c.png", "2.mask.png")):
+            archive.add(masks / name, member)
+    result = run(app, ["score", str(tmp_path / "*.tar"), "--members", "*.mask.png"])
+    assert result.exit_code == 0
+    assert [row["path"].rpartition(":")[2] for row in table(result.stdout)] == ["1.mask.png", "2.mask.png"]
+    assert "no masks found" in run(app, ["score", str(tmp_path / "*.tar"), "--members", "*.npy"]).stderr
 
 
 def test_what_fails_is_a_row_and_the_rest_go_on(bad: Path) -> None:
@@ -137,17 +148,25 @@ def test_threshold_invert_and_max_pixels(tmp_path: Path) -> None:
 
 def test_wrong_usage(masks: Path, tmp_path: Path) -> None:
     (tmp_path / "nothing").mkdir()
+    (masks / "d.txt").write_bytes((masks / "a.png").read_bytes())  # a mask by another name
+    (tmp_path / "link").symlink_to(masks)
+    many = [str(Path(shutil.copytree(masks, tmp_path / str(i)))) for i in range(5)]
     wrong = {
         "Missing argument": ["score"],
         "no masks found": ["score", str(tmp_path / "nothing")],
         "No such option": ["score", str(masks), "--frobnicate"],
         "workers": ["score", str(masks), "--workers", "0"],
         "has the name of a mask": ["score", str(masks), "--out", str(masks / "a.png")],
+        "would hold CSV": ["score", str(masks), "--out", "scores.json"],
+        "leave --json out": ["score", str(masks), "--out", "scores.parquet", "--json"],
+        "pass one of them": ["score", str(masks), "--out", "scores.csv", "--retry", "--overwrite"],
+        "need a table": ["score", str(masks), "--retry"],
+        "one of the files to score": ["score", str(masks / "d.txt"), "--out", str(tmp_path / "link" / "d.txt")],
         "Missing option '--plot'": ["profile", str(masks)],
         "no suffix of a picture": ["profile", str(masks), "--plot", str(tmp_path / "out.txt")],
         "cannot be written to": ["profile", str(masks), "--plot", str(tmp_path / "no" / "out.png")],
         "is one of the masks": ["profile", str(masks), "--plot", str(masks / "a.png")],
-        "one picture holds 12": ["profile", *[str(masks)] * 5, "--plot", str(tmp_path / "out.png")],
+        "one picture holds 12": ["profile", *many, "--plot", str(tmp_path / "out.png")],
     }
     for words, command in wrong.items():
         result = run(app, command)
@@ -187,14 +206,19 @@ def test_a_stopped_run_leaves_whole_rows(stop: signal.Signals, status: int, many
     if stop == signal.SIGINT and signal.getsignal(stop) == signal.SIG_IGN:
         pytest.skip("the tests run in the background, where shells switch Ctrl-C off")
     out = tmp_path / "scores.csv"
-    with start(str(many), "--out", str(out), "--workers", "2", stderr=subprocess.PIPE) as process:
+    with start(
+        str(many), "--out", str(out), "--workers", "2", stderr=subprocess.PIPE, start_new_session=True
+    ) as process:
         while process.poll() is None and not (out.exists() and out.read_text().count("\n") > 5):
             time.sleep(0.02)
-        process.send_signal(stop)
+        # Ctrl-C in a terminal goes to the workers too.
+        os.killpg(process.pid, stop) if stop == signal.SIGINT else process.send_signal(stop)
         stopped = time.monotonic()
         assert process.wait(timeout=60) == status
         assert time.monotonic() - stopped < 10
-        assert process.stderr.read() == ""
+        assert process.stderr.read() == (
+            "Stopped; the same command goes on where this one was.\n" if stop == signal.SIGINT else ""
+        )
     text = out.read_text()
     assert text.endswith("\n")
     rows = table(text)

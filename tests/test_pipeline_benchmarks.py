@@ -10,9 +10,9 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # `benchmarks` is not installed with the library
 
 from benchmarks.pipeline import __main__ as command  # noqa: E402
-from benchmarks.pipeline import labels, loader, shards  # noqa: E402
+from benchmarks.pipeline import files, labels, loader, shards  # noqa: E402
 from torchlinf.labels import complexity_table  # noqa: E402
-from torchlinf.scoring import find_masks, score_masks  # noqa: E402
+from torchlinf.scoring import find_masks, read_source, score_masks  # noqa: E402
 
 
 # Ray's own settings trip over each other as soon as they are made.
@@ -20,6 +20,7 @@ from torchlinf.scoring import find_masks, score_masks  # noqa: E402
 def test_every_question_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
     command.main(["--toy"])
     printed = capsys.readouterr().out
+    assert "| two workers, times as many |" in printed
     assert "`labels.complexity_table`, 9 objects" in printed
     assert "| a copy of half the side |" in printed
     assert "| with the open frame |" in printed
@@ -35,6 +36,16 @@ def test_the_loops_give_the_numbers_of_the_table() -> None:
     assert len(np.unique(table["complexity"])) > 8
     for loop in (labels.over_crops(found), labels.over_masks(found, 16)):
         np.testing.assert_allclose(loop, table["complexity"], rtol=0, atol=1e-9)
+
+
+def test_silhouettes_fill_their_files(tmp_path: Path) -> None:
+    files.write(tmp_path, 50, 3)
+    masks = [read_source(source) for source in find_masks([tmp_path])]
+    assert [mask.shape for mask in masks] == [(50, 50)] * len(masks)
+    assert len(masks) > 1
+    for mask in masks:
+        extents = [np.ptp(places) + 1 for places in np.nonzero(mask)]
+        assert 45 <= max(extents) <= 50  # lines of a single pixel may be lost where a silhouette is made smaller
 
 
 def test_samples_are_augmented_and_scored(tmp_path: Path) -> None:

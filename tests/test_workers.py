@@ -11,7 +11,7 @@ from functools import partial
 import pytest
 
 from torchlinf import _workers
-from torchlinf._workers import FEW, in_order
+from torchlinf._workers import FEW, NoWorkersError, in_order
 
 
 def double(task: int) -> float:
@@ -80,7 +80,16 @@ def test_a_main_script_without_a_guard_is_told_so(tmp_path) -> None:
     )
     result = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=100, check=False)
     assert result.returncode == 1
-    assert "RuntimeError: worker processes must be able to import the main script" in result.stderr
+    assert "NoWorkersError: worker processes must be able to import the main script" in result.stderr
+
+
+def test_a_system_without_room_for_processes_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: object) -> None:
+        raise OSError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", refuse)
+    with pytest.raises(NoWorkersError, match=r"can be started \(Resource temporarily unavailable\). Pass fewer"):
+        answers(double, 3 * FEW)
 
 
 def test_parts_grow_to_the_time_that_handing_over_is_worth(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,7 +99,7 @@ def test_parts_grow_to_the_time_that_handing_over_is_worth(monkeypatch: pytest.M
         _workers, "_submit", lambda pool, work, part: sizes.append(len(part)) or submit(pool, work, part)
     )
     answers(double, 5 * FEW)
-    assert sizes[0] == 1
+    assert sizes[:2] == [0, 1]  # the first starts the pool
     assert max(sizes) == _workers.LONGEST
     sizes.clear()
     answers(double, 3 * FEW, seconds=lambda answer: 1.0)

@@ -1,7 +1,7 @@
 """Tables as Parquet files. Needs the extra `parquet` (pyarrow)."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
@@ -51,23 +51,33 @@ def rows(path: Path) -> Iterator[Score]:
         yield from (Score(**row) for row in batch.to_pylist())
 
 
-def names(path: Path) -> frozenset[str]:
-    """The paths in a Parquet file; none if there is no such file."""
-    if not path.exists():
-        return frozenset()
-    return frozenset(name for batch in _batches(path, ["path"]) for name in batch["path"].to_pylist())
+def done(path: Path) -> dict[str, str | None]:
+    """Of every row of a Parquet file, the path and the error.
+
+    Raises:
+        OSError: it cannot be read.
+        NoTableError: it is no table of `torchlinf score`.
+    """
+    batches = _batches(path, ["path", "error"])
+    return {row["path"]: row["error"] for batch in batches for row in batch.to_pylist()}
 
 
-def extend(path: Path, new: Iterable[Score]) -> None:
-    """Put rows behind those that a Parquet file holds, if there is one: the file is replaced in one piece."""
+def extend(path: Path, new: Iterable[Score], *, without: Container[str] = frozenset()) -> None:
+    """Put rows behind those that a Parquet file holds, if there is one: the file is replaced in one piece.
+
+    Args:
+        path: the file.
+        new: the rows.
+        without: paths of rows that are dropped from the file.
+    """
     import pyarrow
     import pyarrow.parquet
 
     def write(temporary: Path) -> None:
         with pyarrow.parquet.ParquetWriter(temporary, schema()) as writer:
-            if path.exists():
-                for batch in _batches(path, list(COLUMNS)):
-                    writer.write_table(pyarrow.Table.from_batches([batch]).cast(schema()))
+            for batch in _batches(path, list(COLUMNS)) if path.exists() else ():
+                kept = batch.filter(pyarrow.array([name not in without for name in batch["path"].to_pylist()]))
+                writer.write_table(pyarrow.Table.from_batches([kept]).cast(schema()))
             remaining = iter(new)
             while part := list(islice(remaining, ROWS)):
                 writer.write_table(table(part))
@@ -77,6 +87,7 @@ def extend(path: Path, new: Iterable[Score]) -> None:
 
 def replace_file(path: Path, write: Callable[[Path], None]) -> None:
     """Have `write(temporary)` write a file, and give it its name when it is whole and on the disk."""
+    path = path.resolve()  # a link stays one
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         write(temporary)

@@ -12,7 +12,7 @@ import typer
 from torchlinf._shards import Options, Part, find_shards
 from torchlinf.distributed import connected, score_shards
 
-Progress = Callable[[int, bool], AbstractContextManager[Callable[[], None]]]
+Progress = Callable[[int, int, bool], AbstractContextManager[Callable[[], None]]]
 
 
 def score_on_ray(
@@ -20,7 +20,7 @@ def score_on_ray(
     out: Path | None,
     address: str,
     workers: int,
-    options: tuple[float | None, bool, int],
+    options: tuple[float | None, bool, int, str | None],
     progress: Progress,
 ) -> None:
     """Score masks into a folder of Parquet files; the arguments are those of the command.
@@ -37,7 +37,7 @@ def score_on_ray(
     logging.disable(logging.WARNING)  # Ray reports its own steps, and where it keeps more of them
     parts: list[Part] = []
     try:
-        with connected(address, workers=workers), progress(len(shards), True) as advance:
+        with connected(address, workers=workers), progress(0, len(shards), True) as advance:
             for part in score_shards(shards, out, **asdict(Options(*options))):
                 parts.append(part)
                 advance()

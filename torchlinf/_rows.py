@@ -5,6 +5,7 @@ import io
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, astuple, dataclass, fields
+from itertools import chain
 from typing import Any, get_args, get_type_hints
 
 
@@ -19,7 +20,7 @@ class Score:
     A field is None where there is nothing to say: `depth` of a 2-D mask, and of a failed one all that was not reached.
 
     Attributes:
-        path: the file as it was found; of an .npz archive with several arrays "file.npz:array".
+        path: the file as it was found, and of a file that holds several masks which one, as in "shard.tar:a/1.png".
         height: rows of the image, pixels.
         width: columns of the image, pixels.
         depth: pages of the volume, pixels; None in 2-D.
@@ -71,8 +72,9 @@ def csv_line(row: Score) -> str:
     '"a,b.png",3,,,,,,,,,,,,,no foreground\n'
     """
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(astuple(row))
-    return text.getvalue()
+    # Before Python 3.13 a carriage return in a cell is quoted only if it ends lines too.
+    csv.writer(text, lineterminator="\r\n").writerow(astuple(row))
+    return text.getvalue().removesuffix("\r\n") + "\n"
 
 
 def json_line(row: Score) -> str:
@@ -102,31 +104,32 @@ def parse(lines: Iterable[bytes]) -> Iterator[tuple[Score, int]]:
         >>> [(row.path, row.height, end) for row, end in parse([csv_header().encode(), line, line[:5]])]
         [('a.png', 3, 154)]
     """
-    position = 0
-    as_json: bool | None = None
-    for record in _records(lines):
+    lines, header = iter(lines), csv_header().encode()
+    first = next(lines, b"")
+    as_json = first.startswith(b"{")
+    if not as_json and not header.startswith(first):
+        raise NoTableError("its first line does not name the columns of this version")
+    position = 0 if as_json else len(first)
+    for record in _records(chain([first], lines) if as_json else lines, as_json):
         position += len(record)
-        if as_json is None:
-            as_json = record.startswith(b"{")
-            if not as_json:
-                if record != csv_header().encode():
-                    raise NoTableError("its first line does not name the columns of this version")
-                continue
         try:
-            yield (_from_json if as_json else _from_csv)(record.decode()), position
-        except (ValueError, TypeError) as error:
+            row = _from_json(record.decode()) if as_json else _from_csv(record.decode())
+        except (ValueError, TypeError, csv.Error) as error:
             raise NoTableError(f"the row that ends at byte {position} is none ({error})") from error
+        yield row, position
 
 
-def _records(lines: Iterable[bytes]) -> Iterator[bytes]:
+def _records(lines: Iterable[bytes], as_json: bool) -> Iterator[bytes]:
     """Lines, joined where a line break stands within quotes; the last one only if it is whole."""
-    record = b""
+    parts: list[bytes] = []
+    quotes = 0
     for line in lines:
-        record += line
+        parts.append(line)
+        quotes += line.count(b'"')
         # In JSON lines a line break is always an end; quotes there are escaped with backslashes, and may be odd.
-        if line.endswith(b"\n") and (record.startswith(b"{") or record.count(b'"') % 2 == 0):
-            yield record
-            record = b""
+        if line.endswith(b"\n") and (as_json or quotes % 2 == 0):
+            yield b"".join(parts)
+            parts, quotes = [], 0
 
 
 def _from_csv(record: str) -> Score:
@@ -137,4 +140,7 @@ def _from_csv(record: str) -> Score:
 
 
 def _from_json(record: str) -> Score:
-    return Score(**json.loads(record))
+    row = Score(**json.loads(record))
+    if not isinstance(row.path, str):
+        raise TypeError(f"its path is {row.path!r}")
+    return row

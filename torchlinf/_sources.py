@@ -49,13 +49,15 @@ def find_masks(paths: Iterable[str | os.PathLike[str]], *, members: str | None =
             suffix of a mask.
 
     Returns:
-        One source a mask: the files of a folder sorted by path, an .npz archive as its arrays, a tar archive as its
-        members, a COCO file as its annotations, and what cannot be read as a source with an error.
+        One source a mask, however often it is reached: the files of a folder sorted by path, an .npz archive as its
+        arrays, a tar archive as its members, a COCO file as its annotations, and what cannot be read as a source with
+        an error.
 
     Raises:
         ImportError: there are COCO files, and pycocotools is not installed.
     """
-    return [source for path in paths for file in _files(Path(path)) for source in open_file(file, members)]
+    found = (source for path in paths for file in _files(Path(path)) for source in open_file(file, members))
+    return list({source.name: source for source in found}.values())
 
 
 def find_files(paths: Iterable[str | os.PathLike[str]]) -> Iterator[Source]:
@@ -118,4 +120,7 @@ def _arrays(path: Path) -> list[str]:
 
 
 def _text(path: str | Path) -> str:
-    return os.fsencode(path).decode("utf-8", "backslashreplace")
+    try:
+        return os.fsencode(path).decode("utf-8", "backslashreplace")
+    except UnicodeEncodeError:  # the id of an annotation may hold half of a pair of surrogates
+        return str(path).encode("utf-8", "backslashreplace").decode()

@@ -1,15 +1,15 @@
 """Tables in files: of whole rows only, whenever the writing ends, and continued where it ended."""
 
-import io
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from glob import escape
 from pathlib import Path
-from typing import Self
 
 from torchlinf import _parquet
+from torchlinf._line_file import LineFile
 from torchlinf._rows import NoTableError, Score, csv_header, csv_line, json_line, parse
 from torchlinf._terminal import print_table
 
@@ -23,11 +23,11 @@ class Writer:
 
     Attributes:
         write: writes a row, in full or not at all.
-        done: paths of the rows that the table held before.
+        done: of every row that the table held before, the path and the error, None if there was none.
     """
 
     write: Callable[[Score], None]
-    done: frozenset[str] = frozenset()
+    done: Mapping[str, str | None] = field(default_factory=dict)
 
     def __call__(self, row: Score) -> None:
         """Write a row."""
@@ -35,13 +35,17 @@ class Writer:
 
 
 @contextmanager
-def open_table(path: str | os.PathLike[str] | None, as_json: bool = False, *, resume: bool = False) -> Iterator[Writer]:
+def open_table(
+    path: str | os.PathLike[str] | None, as_json: bool = False, *, resume: bool = False, retry: bool = False
+) -> Iterator[Writer]:
     """Open what takes the rows: a file, standard output, or a terminal, which gets the table when all rows are there.
 
     Args:
-        path: the file, Parquet if its name ends in .parquet; None for standard output.
+        path: the file: Parquet if its name ends in .parquet, JSON lines if in .jsonl, else CSV; None for standard
+            output.
         as_json: JSON lines instead of CSV, also on a terminal.
         resume: keep the whole rows that the file holds, and write behind them; otherwise they are lost.
+        retry: of the rows that the file holds keep those without an error only.
 
     Yields:
         The function that writes one row, in full or not at all. Its attribute `done` names what the table holds
@@ -50,30 +54,29 @@ def open_table(path: str | os.PathLike[str] | None, as_json: bool = False, *, re
 
     Raises:
         OSError: the table cannot be opened or written, or another run is writing it.
-        NoTableError: a ValueError: `resume` is set and the file is no such table.
+        NoTableError: a ValueError: rows are to be kept, and the file is no such table. It is left as it was.
         ImportError: pyarrow, which Parquet needs, is not installed.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     for name in ("a.png", "b.png"):
+        ...         with open_table(f"{folder}/scores.jsonl", resume=True) as put:
+        ...             put(Score(name))
+        ...     [row.path for row in read_table(f"{folder}/scores.jsonl")]
+        ['a.png', 'b.png']
     """
     if path is None:
         with _standard_output(as_json) as write:
             yield Writer(write)
         return
-    path = Path(path)
-    with ExitStack() as stack:
-        if path.suffix.lower() == ".parquet":
-            _parquet.require_pyarrow()
-            journal = path.with_name(path.name + JOURNAL)
-            lines = stack.enter_context(LineFile(journal))
-            before = _parquet.names(path) if resume else frozenset()
-            if not resume:
-                path.unlink(missing_ok=True)
-            yield _writer(lines, journal, as_json=True, resume=resume, before=before)
-            with journal.open("rb") as file:
-                new = (row for row, _ in parse(file) if row.path not in before)
-                _parquet.extend(path, new)
-            journal.unlink()
-        else:
-            lines = stack.enter_context(LineFile(path))
-            yield _writer(lines, path, as_json=as_json, resume=resume)
+    path, resume = Path(path), resume or retry
+    if path.suffix.lower() == ".parquet":
+        with _parquet_table(path, resume, retry) as writer:
+            yield writer
+        return
+    with LineFile(path) as lines:
+        yield _line_writer(lines, path, as_json or path.suffix.lower() == ".jsonl", resume, retry)
 
 
 def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
@@ -96,31 +99,65 @@ def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
             yield from (row for row, _ in parse(lines))
 
 
-def _writer(
-    lines: "LineFile", path: Path, *, as_json: bool, resume: bool, before: frozenset[str] = frozenset()
-) -> Writer:
-    done, end = _kept(path, as_json) if resume and path.is_file() else (frozenset[str](), 0)
-    lines.cut(end)
-    if not as_json and end == 0:
-        lines.write(csv_header())
+@contextmanager
+def _parquet_table(path: Path, resume: bool, retry: bool) -> Iterator[Writer]:
+    _parquet.require_pyarrow()
+    journal = path.with_name(path.name + JOURNAL)
+    with LineFile(journal) as lines:
+        try:
+            before = _parquet.done(path) if resume and path.exists() else {}
+            after = _line_writer(lines, journal, True, resume, retry)
+            if not resume:
+                path.resolve().unlink(missing_ok=True)  # a link stays one
+            failed = {name for name, error in before.items() if retry and error is not None}
+            kept = {name: error for name, error in before.items() if name not in failed}
+            yield Writer(after.write, kept | dict(after.done))
+            if failed or not path.exists() or journal.stat().st_size:
+                _merge(path, journal, failed)
+            lines.cut(0)
+        finally:
+            if journal.stat().st_size == 0:
+                journal.unlink()
+
+
+def _merge(path: Path, journal: Path, failed: set[str]) -> None:
+    """Put the journal's rows behind those of a Parquet file; killed and called again, it does the same."""
+    for leftover in path.parent.glob(f".{escape(path.name)}.*.tmp"):  # of a run that was killed right here
+        leftover.unlink()
+    with journal.open("rb") as file:
+        names = {row.path for row, _ in parse(file)}
+        file.seek(0)
+        _parquet.extend(path, (row for row, _ in parse(file)), without=names | failed)
+
+
+def _line_writer(lines: LineFile, path: Path, as_json: bool, resume: bool, retry: bool) -> Writer:
+    done, end = _kept(path, as_json) if resume and path.is_file() else ({}, 0)
     line = json_line if as_json else csv_line
-    return Writer(lambda row: lines.write(line(row)), before | done)
+    header = "" if as_json else csv_header()
+    lines.cut(end)
+    if retry and any(done.values()):
+        with path.open("rb") as file:
+            lines.replace([header, *(line(row) for row, _ in parse(file) if row.error is None)])
+        done = {name: error for name, error in done.items() if error is None}
+    elif end == 0 and header:
+        lines.write(header)
+    return Writer(lambda row: lines.write(line(row)), done)
 
 
-def _kept(path: Path, as_json: bool) -> tuple[frozenset[str], int]:
-    """The paths in a table, and where its last whole row ends; nothing of any other file may be cut."""
+def _kept(path: Path, as_json: bool) -> tuple[dict[str, str | None], int]:
+    """What a table holds, and where its last whole row ends; nothing of any other file may be cut."""
     beginning = JSON_BEGINNING if as_json else csv_header().encode()
     with path.open("rb") as lines:
         start = lines.read(len(beginning))
         if beginning.startswith(start) and start != beginning:  # empty, or killed at once
-            return frozenset(), 0
+            return {}, 0
         if start != beginning:
             raise NoTableError(f"it does not begin as {'JSON lines' if as_json else 'CSV'} of this version")
         lines.seek(0)
-        names, end = set(), 0 if as_json else len(beginning)
+        done, end = {}, 0 if as_json else len(beginning)
         for row, end in parse(lines):  # noqa: B007  # the end of the last one counts
-            names.add(row.path)
-    return frozenset(names), end
+            done[row.path] = row.error
+    return done, end
 
 
 @contextmanager
@@ -132,70 +169,11 @@ def _standard_output(as_json: bool) -> Iterator[Callable[[Score], None]]:
         finally:
             print_table(rows)
         return
-    file = StandardOutput()
     if not as_json:
-        file.write(csv_header())
-    yield lambda row: file.write(json_line(row) if as_json else csv_line(row))
+        _print(csv_header())
+    yield lambda row: _print(json_line(row) if as_json else csv_line(row))
 
 
-class StandardOutput:
-    """Standard output, line by line, for a reader who waits for them."""
-
-    def write(self, line: str) -> None:
-        """Write a line, which ends with a line break."""
-        sys.stdout.write(line)
-        sys.stdout.flush()
-
-
-class LineFile:
-    """A text file of whole lines, which one run at a time writes.
-
-    Each line goes to the system in one unbuffered write: a program that is interrupted or killed leaves no half line,
-    and what was written can be read while the program still runs.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("ab", buffering=0)
-        _lock(self._file)
-
-    def cut(self, size: int) -> None:
-        """Drop what stands behind the first `size` bytes."""
-        with suppress(io.UnsupportedOperation):
-            if self._file.seekable() and os.fstat(self._file.fileno()).st_size > size:
-                self._file.truncate(size)
-
-    def write(self, line: str) -> None:
-        """Append a line, which ends with a line break; if it cannot be written in full, not at all.
-
-        Raises:
-            OSError: it cannot be written, for example because the disk is full.
-        """
-        data, written = line.encode(), 0
-        try:
-            while written < len(data):
-                written += self._file.write(data[written:])
-        except OSError:
-            if written:
-                with suppress(OSError):  # a pipe cannot be cut back
-                    self._file.truncate(self._file.seek(-written, io.SEEK_CUR))
-            raise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-
-
-def _lock(file: io.FileIO) -> None:
-    try:
-        import fcntl
-    except ImportError:
-        return
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        file.close()
-        raise OSError(error.errno, "another run is writing it") from error
-    except OSError:
-        return  # file systems without locks
+def _print(line: str) -> None:
+    sys.stdout.write(line)
+    sys.stdout.flush()  # a reader may wait for it

@@ -1,9 +1,14 @@
-"""The table for people: on a terminal, with short names and few digits."""
+"""Tables for people: on a terminal, with short names and few digits."""
 
 import os
 from collections.abc import Sequence
+from statistics import median
+from typing import TYPE_CHECKING
 
 from torchlinf._rows import Score
+
+if TYPE_CHECKING:
+    from torchlinf.comparison import Comparison
 
 CAPTION = (
     "D: radius in pixels. fine: scales up to 1/4. coarse: all others. at: scale of the peak. Complexities in bits."
@@ -17,7 +22,7 @@ def print_table(rows: Sequence[Score]) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    console, folder = Console(highlight=False), _common_folder(rows)
+    console, folder = Console(highlight=False), common_folder(rows)
     names = [os.path.relpath(row.path, folder) if folder else row.path for row in rows]
     table = Table(title=escape(folder), caption=CAPTION, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("mask", overflow="fold")
@@ -35,8 +40,38 @@ def print_table(rows: Sequence[Score]) -> None:
             console.print(f"[red]failed[/] {escape(name)}: {escape(row.error)}", soft_wrap=True)
 
 
-def _common_folder(rows: Sequence[Score]) -> str:
-    """The folder that the names can be cut by; empty if there is none but the root."""
+def print_comparison(found: "Comparison", largest: int) -> None:
+    """Print what changed from one table to another, and the masks that changed most."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    for status, count in found.counts.most_common():
+        console.print(f"{count:>9,} {status}")
+    changes = found.changes
+    if changes.size:
+        old, new = found.numbers.mean(axis=1)
+        rose, fell = int((changes > 0).sum()), int((changes < 0).sum())
+        lines = (
+            f"mean {found.column} {old:.3f} before, {new:.3f} after: {new - old:+.3f}, median {median(changes):+.3f}",
+            f"{rose:,} rose, {fell:,} fell, {changes.size - rose - fell:,} stayed",
+            f"rank correlation {found.rank_correlation:.3f}",
+        )
+        console.print("\n".join(lines), soft_wrap=True)
+    if pairs := found.largest(largest):
+        table = Table(title="largest changes", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+        table.add_column("mask", overflow="fold")
+        for title in ("old", "new", "change"):
+            table.add_column(title, justify="right", no_wrap=True)
+        for pair in pairs:
+            table.add_row(escape(pair.mask), f"{pair.old:.3f}", f"{pair.new:.3f}", f"{pair.change:+.3f}")
+        console.print(table)
+
+
+def common_folder(rows: Sequence[Score]) -> str:
+    """Return the folder that the names can be cut by; empty if there is none but the root."""
     try:
         folder = os.path.commonpath([os.path.dirname(row.path) for row in rows])
     except ValueError:  # no rows, or absolute paths beside relative ones

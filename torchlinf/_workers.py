@@ -21,8 +21,12 @@ Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 
 FEW = 100  # tasks that are done before processes have started
-PART = 0.05  # seconds of work that a worker should be handed at a time: handing over costs it 0.2 ms
+PART = 0.1  # seconds of work that a worker should be handed at a time: handing over costs its parent 0.2 ms and more
 LONGEST = 64  # tasks in a part at most
+
+
+class NoWorkersError(RuntimeError):
+    """Worker processes do not start; the message says why, and what to do."""
 
 
 def in_order(
@@ -43,6 +47,9 @@ def in_order(
         seconds: how long an answer took.
         died: the answer where a task ended the process that worked on it.
         isolated: use processes however few the tasks and the workers are.
+
+    Raises:
+        NoWorkersError: a RuntimeError: processes do not start.
     """
     tasks = iter(tasks)
     head = list(islice(tasks, FEW + 1))
@@ -123,10 +130,9 @@ def _start(workers: int) -> ProcessPoolExecutor:
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin)
     try:
-        with _deaf_to_interrupts():
-            pool.submit(int).result()
+        _submit(pool, len, []).result()
     except BrokenProcessPool as error:
-        raise RuntimeError(
+        raise NoWorkersError(
             "worker processes must be able to import the main script; they end at once. Call this under "
             'if __name__ == "__main__":, or pass workers=1.'
         ) from error
@@ -135,7 +141,12 @@ def _start(workers: int) -> ProcessPoolExecutor:
 
 def _submit(pool: Executor, work: Callable[[Task], Answer], part: list[Task]) -> Future[list[Answer]]:
     try:
-        return pool.submit(_answer, work, part)
+        with _deaf_to_interrupts():  # the pool starts a worker when there is work for it
+            return pool.submit(_answer, work, part)
+    except OSError as error:
+        raise NoWorkersError(
+            f"no further worker process can be started ({error.strerror}). Pass fewer workers"
+        ) from error
     except BrokenProcessPool as error:
         future: Future[list[Answer]] = Future()
         future.set_exception(error)

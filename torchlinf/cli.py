@@ -1,4 +1,4 @@
-"""The command `torchlinf`: scores of mask files as a table, and profiles as a picture."""
+"""The command `torchlinf`: scores of masks as a table, two tables compared, and profiles as a picture."""
 
 import logging
 import os
@@ -15,7 +15,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from torchlinf import __version__
+from torchlinf._outputs import INTERRUPTED, PIPE_CLOSED, WRONG, check_out, endings, fail, load_table, refuse_source
+from torchlinf._pictures import check_picture, draw, require_matplotlib, shape, title
 from torchlinf._readers import SUFFIXES
+from torchlinf._terminal import print_comparison
+from torchlinf.comparison import COMPARED, Column, Join, compare_scores, write_pairs
 from torchlinf.scoring import (
     COLUMNS,
     MAX_PIXELS,
@@ -24,17 +28,11 @@ from torchlinf.scoring import (
     UnreadableMaskError,
     find_masks,
     open_table,
-    read_source,
     score_masks,
 )
 
-# 128 + the number of the signal, as a shell reports a program that SIGINT (Ctrl-C) or SIGPIPE (`| head`) ended.
-INTERRUPTED, PIPE_CLOSED = 130, 141
-
-# More masks than this leave too little of the page for each.
-MAX_DRAWN = 12
-
 STATUS = "Exit status: 0 all fine, 1 some masks failed, 2 wrong usage or an output that cannot be written."
+COMPARED_STATUS = "Exit status: 0 all masks are compared, 1 some are in one table only or failed, 2 nothing to compare."
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -46,12 +44,22 @@ app = typer.Typer(
 
 Paths = Annotated[
     list[Path],
-    typer.Argument(metavar="PATH", help="Masks (PNG, GIF, TIFF, BMP, JPEG, .npy, .npz), or folders of them."),
+    typer.Argument(
+        metavar="PATH",
+        help="Masks (PNG, GIF, TIFF, BMP, JPEG, .npy, .npz), folders of them, patterns in quotes, tar archives, and "
+        "COCO files (.json).",
+    ),
 ]
 Out = Annotated[
-    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the table here, each row when it is done.")
+    Path | None,
+    typer.Option("--out", "-o", metavar="FILE", help="Write the table here: .csv, .jsonl or .parquet. It is resumed."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object a line instead of CSV.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Begin the table anew instead of resuming it.")]
+Retry = Annotated[bool, typer.Option("--retry", help="Of what is in the table, score anew what failed.")]
+Members = Annotated[
+    str | None, typer.Option("--members", metavar="PATTERN", help="Which members of tar archives are masks.")
+]
 Workers = Annotated[
     int | None,
     typer.Option("--workers", "-w", min=1, metavar="N", help="Masks worked on at a time.", show_default="all cores"),
@@ -78,7 +86,7 @@ def main() -> None:
     try:
         app()
     except SystemExit as stop:
-        if stop.code in (INTERRUPTED, PIPE_CLOSED):
+        if stop.code in (WRONG, INTERRUPTED, PIPE_CLOSED):
             # An ordinary exit would first wait for the masks that other threads are still solving.
             with suppress(OSError):
                 sys.stdout.flush()
@@ -107,44 +115,48 @@ def score(
     paths: Paths,
     out: Out = None,
     as_json: AsJson = False,
+    overwrite: Overwrite = False,
+    retry: Retry = False,
     threshold: Threshold = None,
     invert: Invert = False,
+    members: Members = None,
     workers: Workers = None,
     max_pixels: MaxPixels = MAX_PIXELS,
     ray: Ray = None,
 ) -> None:
     """Score masks: one row of numbers a mask.
 
-    Without --out the table goes to the terminal, or as CSV into a pipe. A file that cannot be scored gives a row that
-    says why, and the rest go on. Ctrl-C leaves a table of whole rows.
+    Without --out the table goes to the terminal, or as CSV into a pipe. A mask that cannot be scored gives a row that
+    says why, and the rest go on. Masks whose rows are in the table already are not scored again: stopped by Ctrl-C, a
+    kill or a full disk, the same command goes on where it was.
     """
     if ray is not None:
         from torchlinf._ray_command import score_on_ray
 
-        score_on_ray(paths, out, ray, workers or _cores(), (threshold, invert, max_pixels), _progress)
+        if as_json or overwrite or retry:
+            raise typer.BadParameter("it always goes on in its folder, of Parquet files", param_hint="--ray")
+        score_on_ray(paths, out, ray, workers or _cores(), (threshold, invert, max_pixels, members), _progress)
         return
-    sources = _find(paths)
-    if out is not None and out.suffix.lower() in SUFFIXES:
-        raise typer.BadParameter(f"{out} has the name of a mask; pass for example scores.csv", param_hint="--out")
+    check_out(out, as_json, overwrite, retry)
     workers = workers or _cores()
     torch.set_num_threads(max(1, _cores() // workers))
-    done = failed = 0
-    try:
-        with open_table(out, as_json) as put, _progress(len(sources), shown=out is not None or not as_json) as advance:
-            rows = score_masks(sources, threshold=threshold, invert=invert, max_pixels=max_pixels, workers=workers)
-            for row in rows:
-                put(row)
-                done, failed = done + 1, failed + (row.error is not None)
-                advance()
-    except KeyboardInterrupt:
-        raise typer.Exit(INTERRUPTED) from None
-    except BrokenPipeError:
-        raise typer.Exit(PIPE_CLOSED) from None
-    except OSError as error:
-        typer.echo(f"The table cannot be written ({error.strerror}); it ends after {done} rows.", err=True)
-        raise typer.Exit(2) from None
+    failed = 0
+    with endings(out):
+        sources = _find(paths, members)
+        refuse_source(out, sources)
+        with open_table(out, as_json, resume=not overwrite, retry=retry) as put:
+            new = [source for source in sources if source.name not in put.done]
+            failed += sum(put.done.get(source.name) is not None for source in sources)
+            if before := len(sources) - len(new):
+                typer.echo(f"{before} of {len(sources)} masks are in {out} already.", err=True)
+            with _progress(before, len(sources), shown=out is not None or not as_json) as advance:
+                for row in score_masks(new, threshold=threshold, invert=invert, max_pixels=max_pixels, workers=workers):
+                    put(row)
+                    failed += row.error is not None
+                    advance()
     if failed:
-        typer.echo(f"{failed} of {done} masks failed; the column 'error' says why.", err=True)
+        advice = "" if out is None else " --retry scores them again."
+        typer.echo(f"{failed} of {len(sources)} masks failed; the column 'error' says why.{advice}", err=True)
         raise typer.Exit(1)
 
 
@@ -157,25 +169,57 @@ def profile(
     max_pixels: MaxPixels = MAX_PIXELS,
 ) -> None:
     """Draw masks with level lines of the field f and of the scale t, and their profiles in one plot."""
-    _require_matplotlib()
+    require_matplotlib()
     sources = _find(paths)
-    _check_picture(plot, sources)
+    check_picture(plot, sources)
     masks: dict[str, torch.Tensor] = {}
     for source in sources:
         try:
-            masks[_title(source, sources)] = _shape(source, threshold, invert, max_pixels)
+            masks[title(source, sources)] = shape(source, threshold, invert, max_pixels)
         except UnreadableMaskError as error:
             typer.echo(f"{source.name}: {error}", err=True)
     if masks:
-        _draw(plot, masks)
+        draw(plot, masks)
     if len(masks) < len(sources):
         raise typer.Exit(1)
 
 
-def _find(paths: list[Path]) -> list[Source]:
-    sources = find_masks(paths)
+@app.command(epilog=COMPARED_STATUS)
+def compare(
+    old: Annotated[Path, typer.Argument(metavar="OLD", help="A table of torchlinf score, or a folder of them.")],
+    new: Annotated[Path, typer.Argument(metavar="NEW", help="Another, of other masks of the same things.")],
+    join: Annotated[Join, typer.Option(help="Which rows are the same mask.")] = "path",
+    column: Annotated[Column, typer.Option(help="What to compare.")] = "complexity",
+    largest: Annotated[int, typer.Option(min=0, metavar="N", help="How many of the largest changes to show.")] = 10,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write both numbers of every mask here, as CSV.")
+    ] = None,
+) -> None:
+    """Compare two tables of scores: old and new masks of one data set."""
+    if out is not None and any(out.exists() and table.exists() and out.samefile(table) for table in (old, new)):
+        raise typer.BadParameter(f"{out} is one of the tables", param_hint="--out")
+    try:
+        found = compare_scores(load_table(old), load_table(new), column=column, join=join)
+    except ValueError as error:
+        fail(f"{error}.")
+    if not found.counts[COMPARED] and not any("failed" in status for status in found.counts):
+        fail(f"no mask of the two tables has the same {join}. Pass --join folder, name or stem.")
+    print_comparison(found, largest)
+    if out is not None:
+        with endings(out):
+            write_pairs(out, found.pairs)
+    if found.counts[COMPARED] < len(found.pairs):
+        raise typer.Exit(1)
+
+
+def _find(paths: list[Path], members: str | None = None) -> list[Source]:
+    try:
+        with Console(stderr=True).status("looking for masks"):
+            sources = find_masks(paths, members=members)
+    except ImportError as error:
+        fail(str(error))
     if not sources:
-        known = " ".join(SUFFIXES)
+        known = " ".join((*SUFFIXES, ".tar"))
         raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}; looked for {known}")
     return sources
 
@@ -186,60 +230,9 @@ def _cores() -> int:
 
 
 @contextmanager
-def _progress(total: int, shown: bool) -> Iterator[Callable[[], None]]:
+def _progress(done: int, total: int, shown: bool) -> Iterator[Callable[[], None]]:
     columns = (TextColumn("scoring"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not (shown and console.is_terminal)) as progress:
-        task = progress.add_task("scoring", total=total)
+        task = progress.add_task("scoring", total=total, completed=done)
         yield lambda: progress.advance(task)
-
-
-def _require_matplotlib() -> None:
-    try:
-        import matplotlib
-    except ImportError:
-        typer.echo("torchlinf profile needs matplotlib. Run: pip install 'torchlinf[plot]'", err=True)
-        raise typer.Exit(2) from None
-    matplotlib.use("Agg")  # a picture for a file needs no screen
-
-
-def _draw(picture: Path, masks: dict[str, torch.Tensor]) -> None:
-    from torchlinf.plot import overview
-
-    try:
-        with Console(stderr=True).status(f"drawing {len(masks)} masks"):
-            overview(masks).savefig(picture, dpi=150)
-    except OSError as error:
-        typer.echo(f"The picture cannot be written ({error.strerror}).", err=True)
-        raise typer.Exit(2) from None
-
-
-def _check_picture(picture: Path, sources: list[Source]) -> None:
-    """Refuse what would fail, or be regretted, after the masks have been solved."""
-    from matplotlib.backend_bases import FigureCanvasBase
-
-    problem = None
-    if picture.suffix[1:].lower() not in FigureCanvasBase.get_supported_filetypes():
-        problem = f"{picture} has no suffix of a picture; pass for example profiles.png"
-    elif not os.access(picture.parent, os.W_OK):
-        problem = f"the folder {picture.parent} cannot be written to"
-    elif picture.exists() and any(source.path.exists() and picture.samefile(source.path) for source in sources):
-        problem = f"{picture} is one of the masks"
-    if problem:
-        raise typer.BadParameter(problem, param_hint="--plot")
-    if len(sources) > MAX_DRAWN:
-        raise typer.BadParameter(f"one picture holds {MAX_DRAWN} masks; got {len(sources)}. Name fewer")
-
-
-def _title(source: Source, sources: list[Source]) -> str:
-    """The shortest name that tells the source from the others."""
-    short = source.path.stem if source.member is None else f"{source.path.stem}:{source.member}"
-    same = [other for other in sources if (other.path.stem, other.member) == (source.path.stem, source.member)]
-    return short if len(same) == 1 else source.name
-
-
-def _shape(source: Source, threshold: float | None, invert: bool, max_pixels: int) -> torch.Tensor:
-    inside = read_source(source, threshold=threshold, invert=invert, max_pixels=max_pixels)
-    if not inside.any():
-        raise UnreadableMaskError("no foreground: no pixel is inside")
-    return torch.from_numpy(inside)

@@ -35,7 +35,10 @@ __all__ = [
     "read_table",
     "score_mask",
     "score_masks",
+    "score_source",
 ]
+
+LONGEST = 500  # characters of an error: some quote what they found
 
 
 def score_mask(inside: NDArray[np.bool_]) -> dict[str, Any]:
@@ -114,17 +117,15 @@ def score_source(
     source: Source, *, threshold: float | None = None, invert: bool = False, max_pixels: int = MAX_PIXELS
 ) -> Score:
     """Score one mask; whatever is wrong with it is the row's `error`. Arguments as in `score_masks`."""
-    start, row = time.perf_counter(), Score(source.name, error=source.error)
-    if row.error is None:
-        try:
-            row = replace(
-                row, **score_mask(read_source(source, threshold=threshold, invert=invert, max_pixels=max_pixels))
-            )
-        except UnreadableMaskError as error:
-            row = replace(row, error=_one_line(str(error)))
-        except Exception as error:
-            # The others go on, whatever this one met: a field that does not converge, memory that runs out.
-            row = replace(row, error=_one_line(f"{type(error).__name__}: {error}"))
+    start, row = time.perf_counter(), Score(source.name)
+    try:
+        inside = read_source(source, threshold=threshold, invert=invert, max_pixels=max_pixels)
+        row = replace(row, **score_mask(inside))
+    except UnreadableMaskError as error:
+        row = replace(row, error=_one_line(str(error)))
+    except Exception as error:
+        # The others go on, whatever this one met: a field that does not converge, memory that runs out.
+        row = replace(row, error=_one_line(f"{type(error).__name__}: {error}"))
     return replace(row, seconds=round(time.perf_counter() - start, 6))
 
 
@@ -137,4 +138,5 @@ def _died(source: Source) -> Score:
 
 
 def _one_line(text: str) -> str:
-    return " ".join(text.split())
+    """The text on one line, not endless, and without characters that no file could hold."""
+    return " ".join(text.split())[:LONGEST].encode("utf-8", "backslashreplace").decode()

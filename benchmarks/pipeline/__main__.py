@@ -1,21 +1,25 @@
 """Measure the entry points: `python -m benchmarks.pipeline [--only labels] [--threads 1]`; prints Markdown tables."""
 
 import argparse
+from statistics import median
 
 import torch
 
-from benchmarks.pipeline import labels, loader, regions, shards
+from benchmarks import shapes
+from benchmarks.pipeline import files, labels, loader, regions, shards
 from benchmarks.timing import Ratio
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Print one table a question."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.pipeline", description=__doc__)
-    parser.add_argument("--only", choices=("labels", "loader", "regions", "shards"), help="one question")
+    parser.add_argument("--only", choices=("files", "labels", "loader", "regions", "shards"), help="one question")
     parser.add_argument("--threads", type=int, default=1, help="torch's threads, for the label map")
     parser.add_argument("--toy", action="store_true", help="sizes that say nothing, for tests")
     options = parser.parse_args(arguments)
     torch.set_num_threads(options.threads)
+    if options.only in (None, "files"):
+        print(_files(files.run(24, 2, 8, 1) if options.toy else files.run()), flush=True)
     if options.only in (None, "labels"):
         print(_labels(labels.run(128, 9, 1) if options.toy else labels.run()), flush=True)
     if options.only in (None, "loader"):
@@ -24,6 +28,19 @@ def main(arguments: list[str] | None = None) -> None:
         print(_regions(regions.run(24, 1, (8,)) if options.toy else regions.run()), flush=True)
     if options.only in (None, "shards"):
         print(_shards(shards.run(24, 40, 2, 1) if options.toy else shards.run()), flush=True)
+
+
+def _files(answer: files.Answer) -> str:
+    gains, rates = answer.gains, [turn.rate for turn in answer.one]
+    return (
+        f"| PNG files, {shapes.origin()} | |\n|---|---|\n"
+        f"| scored in a second of processor time | {1e3 / answer.each:.0f} |\n"
+        f"| ms a mask | {answer.each:.2f} |\n"
+        f"| of which reading | {100 * answer.reading / answer.each:.0f} % |\n"
+        f"| one worker, masks a second on the clock | {median(rates):.0f} |\n"
+        f"| two workers, times as many | {median(gains):.2f} ({min(gains):.2f} to {max(gains):.2f}) |\n"
+        f"| the same by processor time, on two cores that do nothing else | {answer.gain_of_two_cores:.2f} |\n"
+    )
 
 
 def _labels(answer: labels.Answer) -> str:
