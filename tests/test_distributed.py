@@ -277,6 +277,10 @@ def test_the_command_on_ray_wants_a_folder_masks_and_a_cluster(
     result = run(app, ["score", str(tmp_path), "--out", str(tmp_path / "out"), "--ray", "local"])
     assert (result.exit_code, "no masks found" in result.stderr) == (2, True)
 
+    for option in ("--json", "--overwrite", "--retry"):
+        result = run(app, ["score", str(tmp_path), "--out", str(tmp_path / "out"), "--ray", "local", option])
+        assert (result.exit_code, "it always goes on in its folder" in result.stderr) == (2, True)
+
     def unreachable(*_: object, **__: object) -> None:
         raise ConnectionError("nobody answers")
 

@@ -107,9 +107,11 @@ def test_settings_reach_the_masks(tmp_path: Path) -> None:
     for options in (Options(threshold=0.5, invert=True), Options(max_pixels=11 * 17 - 1)):
         out = tmp_path / f"out{options.invert}"
         score_all([tar(tmp_path / "a.tar", 2)], out, options)
-        expected = untimed(score_masks(find_masks([tmp_path / "a.tar"]), **dataclasses.asdict(options)))
+        expected = untimed(score_masks(find_masks([tmp_path / "a.tar"]), **options.reading))
         assert untimed(read_table(out)) == expected
     assert "limit" in expected[0].error
+    score_all([tar(tmp_path / "b.tar", 12)], tmp_path / "some", Options(members="*1.png"))
+    assert [row.path.rsplit(":")[-1] for row in untimed(read_table(tmp_path / "some"))] == ["001.png", "011.png"]
 
 
 def test_what_is_there_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ def score_on_ray(
     out: Path | None,
     address: str,
     workers: int,
-    options: tuple[float | None, bool, int],
+    options: tuple[float | None, bool, int, str | None],
     progress: Progress,
 ) -> None:
     """Score masks into a folder of Parquet files; the arguments are those of the command.

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, replace
 from hashlib import blake2b
 from itertools import islice, tee
 from pathlib import Path
+from typing import Any
 
 from torchlinf import _parquet
 from torchlinf._masks import MAX_PIXELS
@@ -29,11 +30,17 @@ SETTINGS = "_settings.json"  # readers of Parquet folders pass over names that b
 
 @dataclass(frozen=True)
 class Options:
-    """How masks are read; the arguments of `score_masks`."""
+    """How masks are read: the arguments of `score_masks`, and `members` of `find_masks`."""
 
     threshold: float | None = None
     invert: bool = False
     max_pixels: int = MAX_PIXELS
+    members: str | None = None
+
+    @property
+    def reading(self) -> dict[str, Any]:
+        """What concerns each mask."""
+        return {"threshold": self.threshold, "invert": self.invert, "max_pixels": self.max_pixels}
 
 
 @dataclass(frozen=True)
@@ -193,11 +200,11 @@ def _rows(shard: Shard, options: Options, isolated: bool) -> Iterator[Score]:
     def found() -> Iterator[tuple[Source, str]]:
         for file in shard.files:
             # Workers may run in other folders; the row names the file as it was given.
-            for source in open_file(replace(file, path=Path(shard.folder, file.path))):
+            for source in open_file(replace(file, path=Path(shard.folder, file.path)), options.members):
                 yield source, replace(source, path=file.path).name
 
     sources, names = tee(found())
-    rows = score_masks((source for source, _ in sources), **asdict(options), isolated=isolated)
+    rows = score_masks((source for source, _ in sources), **options.reading, isolated=isolated)
     return (replace(row, path=name) for row, (_, name) in zip(rows, names, strict=True))
 
 

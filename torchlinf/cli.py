@@ -136,7 +136,9 @@ def score(
     if ray is not None:
         from torchlinf._ray_command import score_on_ray
 
-        score_on_ray(paths, out, ray, workers or _cores(), (threshold, invert, max_pixels), _progress)
+        if as_json or overwrite or retry:
+            raise typer.BadParameter("it always goes on in its folder, of Parquet files", param_hint="--ray")
+        score_on_ray(paths, out, ray, workers or _cores(), (threshold, invert, max_pixels, members), _progress)
         return
     check_out(out, as_json, overwrite, retry)
     workers = workers or _cores()

@@ -8,7 +8,7 @@ import os
 import pickle
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,7 +86,7 @@ class ScoreMasks:
 
     def _score(self, name: str, value: Any) -> Score:
         place = None if isinstance(value, str) else Held(value, self.spatial_ndim)
-        row = score_source(Source(Path(value if place is None else name), place=place), **asdict(self.options))
+        row = score_source(Source(Path(value if place is None else name), place=place), **self.options.reading)
         return replace(row, path=name)
 
     def _column(self, batch: Any, name: str) -> Sequence[Any]:
@@ -108,6 +108,7 @@ def score_shards(
     threshold: float | None = None,
     invert: bool = False,
     max_pixels: int = MAX_PIXELS,
+    members: str | None = None,
     **map_options: Any,
 ) -> Iterator[Part]:
     """Score shards on Ray, each into a Parquet file of its own.
@@ -124,6 +125,7 @@ def score_shards(
         threshold: as in `score_masks`.
         invert: as there.
         max_pixels: as there.
+        members: as in `find_masks`.
         map_options: named options of `Dataset.map` of Ray Data, such as `num_cpus` (1), `memory` (bytes) or
             `concurrency`.
 
@@ -137,7 +139,7 @@ def score_shards(
         OSError: a part cannot be written.
     """
     ray_data = _require_ray().data
-    folder, options = Path(out).absolute(), Options(threshold, invert, max_pixels)
+    folder, options = Path(out).absolute(), Options(threshold, invert, max_pixels, members)
     open_folder(folder, shards, options)
     missing = []
     for shard in shards:
