@@ -12,6 +12,7 @@ import torch
 
 import torchlinf
 import torchlinf.comparison
+import torchlinf.distributed
 import torchlinf.labels
 import torchlinf.metrics
 import torchlinf.regions
@@ -137,6 +138,16 @@ def test_the_version_has_three_numbers() -> None:
         (torchlinf.scoring.read_table, "(path)"),
         (torchlinf.comparison.compare_scores, "(old, new, *, column='complexity', join='path')"),
         (torchlinf.regions.bounds_around, "(X, *, eps=1.0)"),
+        (
+            torchlinf.distributed.ScoreMasks,
+            "(column, *, name='path', threshold=None, invert=False, max_pixels=67108864, spatial_ndim=2)",
+        ),
+        (torchlinf.distributed.find_shards, "(paths, *, files=1000)"),
+        (
+            torchlinf.distributed.score_shards,
+            "(shards, out, *, threshold=None, invert=False, max_pixels=67108864, members=None, **map_options)",
+        ),
+        (torchlinf.distributed.connected, "(address='local', *, workers=None)"),
         (
             torchlinf.labels.complexity_table,
             "(label_map, *, windows=None, properties=(), intensity_image=None, spacing=None, bins=1024, "
