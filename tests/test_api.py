@@ -13,6 +13,7 @@ import torch
 import torchlinf
 import torchlinf.comparison
 import torchlinf.decompose
+import torchlinf.distributed
 import torchlinf.labels
 import torchlinf.metrics
 import torchlinf.order
@@ -149,6 +150,15 @@ def test_the_version_has_three_numbers() -> None:
             torchlinf.decompose.parts,
             "(mask, *, price=0.0, total='sum', candidates='openings', low=0.0, high=1.0, tol=1e-09, spatial_ndim=None)",
         ),
+            torchlinf.distributed.ScoreMasks,
+            "(column, *, name='path', threshold=None, invert=False, max_pixels=67108864, spatial_ndim=2)",
+        ),
+        (torchlinf.distributed.find_shards, "(paths, *, files=1000)"),
+        (
+            torchlinf.distributed.score_shards,
+            "(shards, out, *, threshold=None, invert=False, max_pixels=67108864, members=None, **map_options)",
+        ),
+        (torchlinf.distributed.connected, "(address='local', *, workers=None)"),
         (
             torchlinf.labels.complexity_table,
             "(label_map, *, windows=None, properties=(), intensity_image=None, spacing=None, bins=1024, "

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import typer
 
+from torchlinf._outputs import INTERRUPTED
 from torchlinf._shards import Options, Part, find_shards
 from torchlinf.distributed import connected, score_shards
 
@@ -41,6 +42,8 @@ def score_on_ray(
             for part in score_shards(shards, out, **asdict(Options(*options))):
                 parts.append(part)
                 advance()
+    except KeyboardInterrupt:
+        raise typer.Exit(INTERRUPTED) from None
     except ConnectionError as error:
         _stop(f"Ray cannot be reached at {address} ({_first_line(error)}).")
     except OSError as error:

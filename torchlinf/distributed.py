@@ -34,8 +34,8 @@ class ScoreMasks:
     """Scores batches of masks: for `Dataset.map_batches` of Ray Data, or alone.
 
     Give `map_batches` an instance, or the class itself with `fn_constructor_kwargs`, with `batch_format` "numpy" or
-    "pyarrow". Of a mask that cannot be read or scored the row says why. A mask that ends its worker ends the job when
-    Ray has tried often enough; `score_shards` is safe from that.
+    "pyarrow". Of a mask that cannot be read or scored the row says why. A mask that ends its worker does so as often as
+    Ray Data tries it again, which is without end; `score_shards` is safe from that.
 
     Args:
         column: of the batches, where the masks are. Bytes are the content of a file, text is a path, arrays are masks
@@ -115,8 +115,7 @@ def score_shards(
 
     What is there already is not done again, so that a job that was killed is continued by the same call. A shard whose
     worker was lost is tried again, then with its masks in a process of their own: one that ends that process gives a
-    row with an error. A shard that costs five workers is given up: the rows of its
-    files say so.
+    row with an error. A shard that costs five workers is given up, and the rows of its files say so.
 
     Args:
         shards: what `find_shards` found. Workers read the files under the same names, and write to the same `out`, so
