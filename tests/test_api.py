@@ -150,6 +150,7 @@ def test_the_version_has_three_numbers() -> None:
             torchlinf.decompose.parts,
             "(mask, *, price=0.0, total='sum', candidates='openings', low=0.0, high=1.0, tol=1e-09, spatial_ndim=None)",
         ),
+        (
             torchlinf.distributed.ScoreMasks,
             "(column, *, name='path', threshold=None, invert=False, max_pixels=67108864, spatial_ndim=2)",
         ),

@@ -116,8 +116,8 @@ plt.show()
 # What the exact solution says.
 #
 # **The tables are reproduced.** From ten data sets a mean is uncertain by a third of its standard deviation; the means
-# of 50 differ from the paper's by no more than chance would have it. So do other assumptions, though, some not:
-# :doc:`the paper's page </paper>` has the full tables, and which assumptions do.
+# of 50 differ from the paper's by no more than chance would have it. :doc:`The page on the paper </paper>` has those
+# tables, and the assumptions that fit them and that do not.
 
 
 def line(name: str, row: list[str]) -> None:
