@@ -66,8 +66,8 @@ plt.show()
 # %%
 # Now cut. An appendage that is narrower than its body cannot hold the largest squares of the body, so the union of all
 # squares of a side ends where the appendage was joined. These cuts are tried for every size of square, the parts are
-# solved again, exactly, and cut in turn; of the tree of cuts the parts of least total complexity remain. Boxes joined
-# to boxes come apart, with total zero. A floor plan is made of boxes too: four rooms, and doorways that are
+# solved again, exactly, and cut in turn; of the tree of cuts the parts of least total complexity remain. Boxes on
+# boxes come apart, with total zero. A floor plan is made of boxes too: four rooms, and doorways that are
 # parts of their own.
 
 
