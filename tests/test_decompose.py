@@ -201,3 +201,13 @@ def test_bad_options_are_named(options: Mapping[str, Any], error: type[Exception
         parts(torch.ones(1, 1, 4, 5), **options)
     with pytest.raises(ValueError, match=r"mask must be \(B, C, \*spatial\).*got \(4, 5\)"):
         parts(torch.ones(4, 5))
+
+
+def test_numba_is_not_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    shape = JOINED["meeting at a corner"]
+    expected = parts(shape, spatial_ndim=2)
+    for name in ("torchlinf._kernels", "torchlinf._crops"):
+        monkeypatch.setattr(f"{name}.has_compiler", lambda: False)
+    found = parts(shape, spatial_ndim=2)
+    assert torch.equal(found.label_map, expected.label_map)
+    assert found.after == 0.0

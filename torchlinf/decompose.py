@@ -59,8 +59,8 @@ def parts(
     """Cut shapes into parts whose total complexity is lower than that of the whole.
 
     A shape stays whole if no decomposition that was found is strictly lower: boxes and all else of complexity zero do.
-    Boxes joined to boxes fall apart into boxes, with total zero. What is found is the best of one tree of cuts, not of
-    all: no optimum is promised.
+    A box with narrower boxes on its faces falls apart into them, with total zero. What is found is the best of one tree
+    of cuts, not of all: no optimum is promised.
 
     Args:
         mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1, nonzero is inside; each (b, c) is one
