@@ -126,7 +126,7 @@ def test_chain_with_a_peak_is_the_profile_of_a_square() -> None:
     for x in range(1, length + 1):
         up[x], down[x] = min(x + 1, length), x - 1
     factors = thomas.thomas_factors(length, screening)
-    thomas.solve_chain(v, 1, length, up, down, factors, screening, np.empty(length))
+    thomas.solve_chain(v, 1, length, length, up, down, factors, screening)
     assert distance.max() == length
     np.testing.assert_allclose(v[1 : length + 1], field.value[:length].numpy(), rtol=1e-10)
 

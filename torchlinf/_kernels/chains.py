@@ -4,7 +4,7 @@ Where up(x) = y and down(y) = x, the two pixels are linked. A maximal chain of l
 constant coefficients, and depends on at most two pixels outside it: the down neighbour of its head (lowest pixel) and
 the up neighbour of its last (highest). Under an optimal policy nothing depends on itself but through links, so that
 following what is missing from pixel to pixel, and solving on the way back, is all. Where a wrong policy ties chains
-into a cycle, `tangles.solve_tangle` takes over.
+into a cycle, `tangles.solve_tangle` solves that.
 
 Unsolved values are negative: so one look at a neighbour tells whether its value is known, and which it is.
 """
@@ -15,43 +15,47 @@ import numpy as np
 
 from torchlinf._kernels._compile import kernel
 from torchlinf._kernels.grid import Grid
-from torchlinf._kernels.tangles import solve_tangle
+from torchlinf._kernels.tangles import ROWS, solve_tangle
 from torchlinf._kernels.thomas import solve_chain, thomas_factors
 
-_SOLVED, _CYCLE = -1, -2
+_SOLVED = -1
+_ON_PATH = -1
 
 
 class PolicySystem:
-    """The policies of one shape and the memory to solve for them: some 44 bytes a pixel."""
+    """The policies of one shape and the memory to solve for them: some 52 bytes a pixel, rarely all of them used."""
 
     def __init__(self, grid: Grid, screening: float) -> None:
         """Allocate for a grid."""
         self.grid = grid
         size = math.prod(grid.shape)
-        self.up = np.zeros(size, np.int32)
-        self.down = np.zeros(size, np.int32)
+        # One piece of memory, which the system is slow to give: a C library that gets back so large a one keeps as much
+        # for the next shape.
+        memory = np.empty(3 * size + (ROWS + 1) * grid.pixels, np.int32)
+        memory[: 3 * size] = 0
+        self.up, self.down, self._owner = memory[: 3 * size].reshape(3, size)
+        self._chains = memory[3 * size : -grid.pixels].reshape(ROWS, grid.pixels)
+        self._path = memory[-grid.pixels :]
         self._screening = screening
-        self._owner = np.zeros(size, np.int32)
-        self._chains = np.empty((6, grid.pixels), np.int32)
         self._factors = thomas_factors(grid.pixels, screening)
-        self._work = np.empty(grid.pixels)
 
     def solve(self, v: np.ndarray, tol: float) -> int:
         """Overwrite v by the solution for the present policies; see `solve_policies`."""
         return int(
             solve_policies(
                 v, self.grid.starts, self.grid.ends, self.up, self.down, self._factors, self._screening, tol,
-                self._owner, self._chains, self._work,
+                self._owner, self._chains, self._path,
             )
         )  # fmt: skip
 
 
 @kernel
-def solve_policies(v, starts, ends, up, down, factors, screening, tol, owner, chains, work):  # type: ignore[no-untyped-def]
+def solve_policies(v, starts, ends, up, down, factors, screening, tol, owner, chains, path):  # type: ignore[no-untyped-def]
     """Overwrite v with the solution of the policy system; components that are no chain are solved to `tol`.
 
     `up` and `down` are the pixels' neighbours. `owner` (int32, like v) is to be 0 and is so on return; `chains`
-    (6, pixels) int32 and `work` (pixels,) are scratch. Returns the number of unknowns in components that were no chain.
+    (ROWS, pixels) and `path` (pixels,), both int32, are scratch. Returns the number of unknowns in components that were
+    no chain.
     """
     for run in range(starts.size):
         values = v[starts[run] : ends[run]]
@@ -65,65 +69,68 @@ def solve_policies(v, starts, ends, up, down, factors, screening, tol, owner, ch
             above = v[up[root]]
             below = v[down[root]]
             if above >= 0.0 and below >= 0.0:
-                v[root] = (1.0 + above + below) * factors[0]
-            elif not _follow(v, root, up, down, factors, screening, chains[0], work):
-                unknowns += solve_tangle(v, root, up, down, factors, screening, tol, owner, chains, work)
+                v[root] = (1.0 + above + below) * factors[2, 0]
+            else:
+                unknowns += _follow(v, root, up, down, factors, screening, tol, owner, chains, path)
     return unknowns
 
 
 @kernel
-def _follow(v, root, up, down, factors, screening, path, work):  # type: ignore[no-untyped-def]
-    """Solve a pixel and all it depends on; False, with that left unsolved, if it depends on a cycle.
+def _follow(v, root, up, down, factors, screening, tol, owner, chains, path):  # type: ignore[no-untyped-def]
+    """Solve a pixel and all it depends on, which are kept in `path` from the root to the present one.
 
-    The pixels from the root to the present one are kept in `path`, and marked by ~up in place of up.
+    Where the path meets itself, the present pixel is part of a cycle, and is solved as such.
     """
+    unknowns = 0
     path[0] = root
-    up[root] = ~up[root]
+    owner[root] = _ON_PATH
     height = 1
     while height > 0:
         x = path[height - 1]
-        above = ~up[x]
+        above = up[x]
         below = down[x]
         if v[above] >= 0.0 and v[below] >= 0.0:
-            v[x] = (1.0 + v[above] + v[below]) * factors[0]
-            up[x] = above
-            height -= 1
-            continue
-        if v[below] < 0.0 and below != x and up[below] != x:
+            v[x] = (1.0 + v[above] + v[below]) * factors[2, 0]
+            missing = _SOLVED
+        elif v[below] < 0.0 and below != x and up[below] != x:
             missing = below
         elif v[above] < 0.0 and above != x and down[above] != x:
             missing = above
         else:
-            up[x] = above
-            missing = _try_chain(v, x, up, down, factors, screening, work)
-            if missing == _SOLVED:
+            missing = _try_chain(v, x, up, down, factors, screening)
+        if missing == _SOLVED:
+            owner[x] = 0
+            height -= 1
+        elif owner[missing] == _ON_PATH:
+            unknowns += solve_tangle(v, x, up, down, factors, screening, tol, owner, chains)
+            while height > 0 and v[path[height - 1]] >= 0.0:
                 height -= 1
-                continue
-            up[x] = ~above
-        if missing == _CYCLE or up[missing] < 0:
-            for i in range(height):
-                up[path[i]] = ~up[path[i]]
-            return False
-        path[height] = missing
-        up[missing] = ~up[missing]
-        height += 1
-    return True
+        else:
+            path[height] = missing
+            owner[missing] = _ON_PATH
+            height += 1
+    return unknowns
 
 
 @kernel
-def _try_chain(v, x, up, down, factors, screening, work):  # type: ignore[no-untyped-def]
+def _try_chain(v, x, up, down, factors, screening):  # type: ignore[no-untyped-def]
     """Solve the chain through x, or return a pixel that it depends on and that is not yet solved."""
+    length = 1
     last = x
-    while up[last] != last and down[up[last]] == last:
-        last = up[last]
-        if up[last] < 0:  # the path has been on this chain before
-            return _CYCLE
-    if v[up[last]] < 0.0 and up[last] != last:
-        return up[last]
+    y = up[x]
+    while y != last and down[y] == last:
+        last = y
+        y = up[y]
+        length += 1
+    if v[y] < 0.0 and y != last:
+        return y
     head = x
-    while down[head] != head and up[down[head]] == head:
-        head = down[head]
-    if v[down[head]] < 0.0 and down[head] != head:
-        return down[head]
-    solve_chain(v, head, last, up, down, factors, screening, work)
+    y = down[x]
+    while y != head and up[y] == head:
+        head = y
+        y = down[y]
+        length += 1
+    if v[y] < 0.0 and y != head:
+        return y
+    solve_chain(v, head, last, length, up, down, factors, screening)
     return _SOLVED

@@ -13,25 +13,21 @@ from torchlinf._kernels._compile import kernel
 from torchlinf._kernels.krylov import bicgstab, substitute
 from torchlinf._kernels.thomas import solve_chain, solve_chain_affine
 
-HEAD, LAST = 0, 1  # rows of `chains`: the chain's lowest and its highest pixel
+# Rows of `chains`: the chain's lowest and highest pixel; the pixels beyond these, or these themselves where they are
+# their own neighbours; how many pixels it has.
+HEAD, LAST, BELOW, ABOVE, LENGTH = range(5)
 
 _DENSE = 48  # feedback up to which elimination beats the Krylov iteration
 
 
 @kernel
-def dependency(chains, chain, side, up, down):  # type: ignore[no-untyped-def]
-    """The pixel beyond the head (side 0) or the last pixel (side 1); that pixel itself where it is its own."""
-    return down[chains[HEAD, chain]] if side == 0 else up[chains[LAST, chain]]
-
-
-@kernel
-def solve_component(v, order, chains, owner, up, down, factors, screening, tol, work):  # type: ignore[no-untyped-def]
+def solve_component(v, order, chains, owner, up, down, factors, screening, tol):  # type: ignore[no-untyped-def]
     """Solve the chains named in `order` together and in place. Returns the number of unknowns.
 
     `order` is that of the depth-first search; `owner` is above 0 on the component and of no use afterwards.
     """
-    size, longest = _mark_targets(order, chains, owner, up, down)
-    target, constant, weight, index = _affine_rows(v, order, size, longest, chains, owner, up, down, factors)
+    size, longest = _mark_targets(order, chains, owner)
+    target, constant, weight, index = _affine_rows(v, order, size, longest, chains, owner, up, factors)
     feedback = _find_feedback(index)
     z = np.abs(v[target[feedback]])
     x = np.empty(feedback.size + size)
@@ -43,24 +39,20 @@ def solve_component(v, order, chains, owner, up, down, factors, screening, tol, 
     for j in range(size):
         v[target[j]] = max(x[feedback.size + j], 0.0)  # as the solution is: below 0 would say that it is unsolved
     for chain in order:
-        solve_chain(v, chains[HEAD, chain], chains[LAST, chain], up, down, factors, screening, work)
+        head, last, length = chains[HEAD, chain], chains[LAST, chain], chains[LENGTH, chain]
+        solve_chain(v, head, last, length, up, down, factors, screening)
     return size
 
 
 @kernel
-def _mark_targets(order, chains, owner, up, down):  # type: ignore[no-untyped-def]
+def _mark_targets(order, chains, owner):  # type: ignore[no-untyped-def]
     """Make `owner` negative where a chain depends on it. Returns how many these are, and the longest chain's length."""
     size = 0
     longest = 0
     for chain in order:
-        length = 1
-        x = chains[HEAD, chain]
-        while x != chains[LAST, chain]:
-            x = up[x]
-            length += 1
-        longest = max(longest, length)
+        longest = max(longest, chains[LENGTH, chain])
         for side in range(2):
-            target = dependency(chains, chain, side, up, down)
+            target = chains[BELOW + side, chain]
             if owner[target] > 0 and target != chains[side, chain]:
                 owner[target] = -owner[target]
                 size += 1
@@ -68,7 +60,7 @@ def _mark_targets(order, chains, owner, up, down):  # type: ignore[no-untyped-de
 
 
 @kernel
-def _affine_rows(v, order, size, longest, chains, owner, up, down, factors):  # type: ignore[no-untyped-def]
+def _affine_rows(v, order, size, longest, chains, owner, up, factors):  # type: ignore[no-untyped-def]
     """Pixels and rows x_j = constant_j + weight_j0 x_index_j0 + weight_j1 x_index_j1 of the unknowns, in order.
 
     What comes from solved pixels is in the constant. A row's index is -1 where it has none, and `owner` -1 - j.
@@ -76,30 +68,27 @@ def _affine_rows(v, order, size, longest, chains, owner, up, down, factors):  # 
     target = np.empty(size, np.int64)
     constant = np.empty(size)
     weight = np.zeros((size, 2))
-    index = np.full((size, 2), -1)
+    index = np.empty((size, 2), np.int64)
     responses = np.empty((3, longest))
     end = 0
     for chain in order:
         begin = end
-        place = 0
         x = chains[HEAD, chain]
-        while True:
+        for place in range(chains[LENGTH, chain]):
             if owner[x] < 0:
                 target[end] = x
                 owner[x] = -1 - end
                 index[end, 0] = place
                 end += 1
-            if x == chains[LAST, chain]:
-                break
             x = up[x]
-            place += 1
         if end > begin:
-            solve_chain_affine(chains[HEAD, chain], chains[LAST, chain], up, down, factors, responses)
+            peak = chains[ABOVE, chain] == chains[LAST, chain]
+            solve_chain_affine(chains[LENGTH, chain], peak, factors, responses)
         for j in range(begin, end):
             place = index[j, 0]
             constant[j] = responses[0, place]
             for side in range(2):
-                y = dependency(chains, chain, side, up, down)
+                y = chains[BELOW + side, chain]
                 if owner[y] < 0 and y != chains[side, chain]:
                     weight[j, side] = responses[1 + side, place]
                     index[j, side] = y

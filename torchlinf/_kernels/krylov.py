@@ -13,7 +13,8 @@ _DIVERGED = 1e8  # growth of the residual at which it is given up, long before a
 def substitute(share, constant, weight, index, z, x):  # type: ignore[no-untyped-def]
     """x = z, then all rows in order: share constant_j + weight_j0 x_index_j0 + weight_j1 x_index_j1."""
     count = z.size
-    x[:count] = z
+    for j in range(count):
+        x[j] = z[j]
     for j in range(constant.size):
         x[count + j] = share * constant[j] + weight[j, 0] * x[index[j, 0]] + weight[j, 1] * x[index[j, 1]]
 

@@ -5,18 +5,22 @@ What is solved has v >= 0, as in `chains`.
 """
 
 from torchlinf._kernels._compile import kernel
-from torchlinf._kernels.components import HEAD, LAST, dependency, solve_component
+from torchlinf._kernels.components import ABOVE, BELOW, HEAD, LAST, LENGTH, solve_component
 from torchlinf._kernels.thomas import solve_chain
 
 # Rows of `chains`: low link, dependencies looked at, the chain that asked for it; and the chains that the search has
 # left and that are not yet solved, in that order.
-LOW, VISITED, CALLER, LEFT = 2, 3, 4, 5
+LOW, VISITED, CALLER, LEFT = range(5, 9)
+ROWS = 9
 _LOOP = 4  # added to VISITED for every dependency of a chain on itself
 
 
 @kernel
-def solve_tangle(v, root, up, down, factors, screening, tol, owner, chains, work):  # type: ignore[no-untyped-def]
-    """Solve a pixel and all it depends on; see `chains.solve_policies`, also for what is returned."""
+def solve_tangle(v, root, up, down, factors, screening, tol, owner, chains):  # type: ignore[no-untyped-def]
+    """Solve a pixel and all it depends on; see `chains.solve_policies`, also for what is returned.
+
+    `owner` is 0 or less at what is unsolved, and 0 at what this has solved.
+    """
     unknowns = 0
     height = 1
     left = 0
@@ -27,11 +31,11 @@ def solve_tangle(v, root, up, down, factors, screening, tol, owner, chains, work
         side = chains[VISITED, chain] % _LOOP
         if side < 2:
             chains[VISITED, chain] += 1
-            target = dependency(chains, chain, side, up, down)
+            target = chains[BELOW + side, chain]
             if v[target] >= 0.0 or target == chains[side, chain]:
                 continue
             state = owner[target]
-            if state == 0:
+            if state <= 0:
                 _open_chain(target, height, chains, owner, up, down)
                 chains[CALLER, height] = chain
                 chain = height
@@ -49,10 +53,11 @@ def solve_tangle(v, root, up, down, factors, screening, tol, owner, chains, work
             chains[LOW, caller] = min(chains[LOW, caller], low)
         else:
             if height == chain + 1 and chains[VISITED, chain] < _LOOP:
-                solve_chain(v, chains[HEAD, chain], chains[LAST, chain], up, down, factors, screening, work)
+                head, last, length = chains[HEAD, chain], chains[LAST, chain], chains[LENGTH, chain]
+                solve_chain(v, head, last, length, up, down, factors, screening)
             else:
                 order = chains[LEFT, left - (height - chain) : left]
-                unknowns += solve_component(v, order, chains, owner, up, down, factors, screening, tol, work)
+                unknowns += solve_component(v, order, chains, owner, up, down, factors, screening, tol)
             for done in range(chain, height):
                 _close_chain(done, chains, owner, up)
             left -= height - chain
@@ -64,14 +69,23 @@ def solve_tangle(v, root, up, down, factors, screening, tol, owner, chains, work
 @kernel
 def _open_chain(x, number, chains, owner, up, down):  # type: ignore[no-untyped-def]
     """Find the chain through x and write 1 + its number on all its pixels."""
-    while down[x] != x and up[down[x]] == x:
-        x = down[x]
+    y = down[x]
+    while y != x and up[y] == x:
+        x = y
+        y = down[y]
     chains[HEAD, number] = x
+    chains[BELOW, number] = y
     owner[x] = number + 1
-    while up[x] != x and down[up[x]] == x:
-        x = up[x]
+    length = 1
+    y = up[x]
+    while y != x and down[y] == x:
+        x = y
         owner[x] = number + 1
+        y = up[y]
+        length += 1
     chains[LAST, number] = x
+    chains[ABOVE, number] = y
+    chains[LENGTH, number] = length
     chains[LOW, number] = number
     chains[VISITED, number] = 0
 
