@@ -9,7 +9,7 @@ import pytest
 from pycocotools import mask as coco
 from skimage.draw import polygon2mask
 
-from torchlinf._coco import Outline, draw
+from torchlinf._files.coco import Outline, draw
 from torchlinf.scoring import UnreadableMaskError, find_masks, read_source, score_masks
 
 HEIGHT, WIDTH = 40, 70

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from problems import random_order
 
-from torchlinf._layers import Bend, crossings, layers
 from torchlinf.order import hasse_diagram
+from torchlinf.plot._layers import Bend, crossings, layers
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -7,7 +7,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from torchlinf._readers import Values
+from torchlinf._files.readers import Values
 from torchlinf.scoring import UnreadableMaskError, inside_above, read_mask
 
 # H != W, not symmetric, with a hole and a second component.

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 import torchlinf
 from tests.problems import Pixel, catalogue, random_mask
 from torchlinf import regions
-from torchlinf._open_frame import open_profile
+from torchlinf._regions.open_frame import open_profile
 from torchlinf.regions import decision_plane, decision_plane_complexity, decision_region_complexity
 
 BOUNDS = [(-2.0, 2.5), (-1.0, 1.5)]

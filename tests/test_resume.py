@@ -8,9 +8,9 @@ from pathlib import Path
 import pyarrow.parquet
 import pytest
 
-from torchlinf import _line_file, _parquet
-from torchlinf._rows import csv_header, csv_line, json_line, parse
-from torchlinf._tables import JOURNAL
+from torchlinf._files import line_file, parquet
+from torchlinf._files.rows import csv_header, csv_line, json_line, parse
+from torchlinf._files.tables import JOURNAL
 from torchlinf.scoring import COLUMNS, NoTableError, Score, open_table, read_table
 
 ROWS = [
@@ -230,12 +230,12 @@ def test_a_run_that_ended_in_between_is_another_run(tmp_path: Path, monkeypatch:
     lock = fcntl.flock
 
     def late(file: object, how: int) -> None:
-        _parquet.replace_file(path, lambda new: new.write_bytes(text("csv", ROWS[:2])))
+        parquet.replace_file(path, lambda new: new.write_bytes(text("csv", ROWS[:2])))
         lock(file, how)
 
     monkeypatch.setattr(fcntl, "flock", late)
     with pytest.raises(OSError, match="another run"):
-        _line_file.LineFile(path)
+        line_file.LineFile(path)
     assert list(read_table(path)) == ROWS[:2]
 
 

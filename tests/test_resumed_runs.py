@@ -16,7 +16,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from torchlinf import scoring
-from torchlinf._tables import JOURNAL
+from torchlinf._files.tables import JOURNAL
 from torchlinf.cli import app
 from torchlinf.scoring import Score, open_table, read_table
 

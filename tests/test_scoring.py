@@ -15,7 +15,7 @@ from PIL import Image
 
 import torchlinf
 from torchlinf import scoring, shapes
-from torchlinf._rows import csv_line
+from torchlinf._files.rows import csv_line
 from torchlinf.scoring import Score, Source, find_masks, score_mask, score_masks
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from torchlinf import _shards
+from torchlinf import _shards as shards
 from torchlinf._shards import LOST, Options, Part, find_shards, open_folder, read_part, score_shard, tidy
 from torchlinf.scoring import Score, find_masks, read_table, score_masks
 
@@ -122,8 +122,8 @@ def test_what_is_there_is_not_done_again(tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / "out" / first[0].name).unlink()
     b.write_bytes(b.read_bytes()[:-3])
     scored = []
-    score = _shards.score_masks
-    monkeypatch.setattr(_shards, "score_masks", lambda *a, **k: scored.append(1) or score(*a, **k))
+    score = shards.score_masks
+    monkeypatch.setattr(shards, "score_masks", lambda *a, **k: scored.append(1) or score(*a, **k))
     again = score_all(paths, tmp_path / "out", run=4)
     assert len(scored) == 2
     assert [part.seconds > 0 for part in again] == [True, True, False, False]
@@ -151,8 +151,8 @@ def test_a_part_of_another_version_is_made_again(tmp_path: Path) -> None:
 
 def test_a_marker_of_a_lost_worker_isolates_the_masks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
-    score = _shards.score_masks
-    monkeypatch.setattr(_shards, "score_masks", lambda *a, **k: seen.append(k["isolated"]) or score(*a, **k))
+    score = shards.score_masks
+    monkeypatch.setattr(shards, "score_masks", lambda *a, **k: seen.append(k["isolated"]) or score(*a, **k))
     (shard,) = find_shards([tar(tmp_path / "a.tar", 2)])
     rows = []
     for lost in (0, LOST - 1):

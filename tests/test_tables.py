@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from torchlinf._line_file import LineFile
-from torchlinf._rows import csv_header, csv_line, json_line
+from torchlinf._files.line_file import LineFile
+from torchlinf._files.rows import csv_header, csv_line, json_line
 from torchlinf.scoring import COLUMNS, Score, find_masks, open_table, print_table, score_masks
 
 

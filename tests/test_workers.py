@@ -10,8 +10,8 @@ from functools import partial
 
 import pytest
 
-from torchlinf import _workers
-from torchlinf._workers import FEW, NoWorkersError, in_order
+from torchlinf._files import workers
+from torchlinf._files.workers import FEW, NoWorkersError, in_order
 
 
 def double(task: int) -> float:
@@ -76,7 +76,8 @@ def test_a_worker_that_is_killed_by_chance_costs_nothing() -> None:
 def test_a_main_script_without_a_guard_is_told_so(tmp_path) -> None:
     script = tmp_path / "script.py"
     script.write_text(
-        "from torchlinf._workers import in_order\nlist(in_order(abs, range(300), workers=2, seconds=float, died=abs))\n"
+        "from torchlinf._files.workers import in_order\n"
+        "list(in_order(abs, range(300), workers=2, seconds=float, died=abs))\n"
     )
     result = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=100, check=False)
     assert result.returncode == 1
@@ -94,13 +95,13 @@ def test_a_system_without_room_for_processes_says_so(monkeypatch: pytest.MonkeyP
 
 def test_parts_grow_to_the_time_that_handing_over_is_worth(monkeypatch: pytest.MonkeyPatch) -> None:
     sizes = []
-    submit = _workers._submit
+    submit = workers._submit
     monkeypatch.setattr(
-        _workers, "_submit", lambda pool, work, part: sizes.append(len(part)) or submit(pool, work, part)
+        workers, "_submit", lambda pool, work, part: sizes.append(len(part)) or submit(pool, work, part)
     )
     answers(double, 5 * FEW)
     assert sizes[:2] == [0, 1]  # the first starts the pool
-    assert max(sizes) == _workers.LONGEST
+    assert max(sizes) == workers.LONGEST
     sizes.clear()
     answers(double, 3 * FEW, seconds=lambda answer: 1.0)
     assert max(sizes) == 1

@@ -15,10 +15,10 @@ from itertools import islice, tee
 from pathlib import Path
 from typing import Any
 
-from torchlinf import _parquet
-from torchlinf._masks import MAX_PIXELS
-from torchlinf._rows import COLUMNS, Score
-from torchlinf._sources import Source, find_files, open_file
+from torchlinf._files import parquet
+from torchlinf._files.masks import MAX_PIXELS
+from torchlinf._files.rows import COLUMNS, Score
+from torchlinf._files.sources import Source, find_files, open_file
 from torchlinf.scoring import score_masks
 
 ARCHIVES = (".tar", ".json")
@@ -138,7 +138,7 @@ def open_folder(out: Path, shards: Iterable[Shard], options: Options) -> None:
         def write(temporary: Path) -> None:
             temporary.write_text(text)
 
-        _parquet.replace_file(settings, write)
+        parquet.replace_file(settings, write)
 
 
 def tidy(out: Path, shards: Iterable[Shard]) -> None:
@@ -219,8 +219,8 @@ def write_part(path: Path, rows: Iterable[Score]) -> None:
 
     def write(temporary: Path) -> None:
         remaining = iter(rows)
-        with pyarrow.parquet.ParquetWriter(temporary, _parquet.schema()) as writer:
-            while some := list(islice(remaining, _parquet.ROWS)):
-                writer.write_table(_parquet.table(some))
+        with pyarrow.parquet.ParquetWriter(temporary, parquet.schema()) as writer:
+            while some := list(islice(remaining, parquet.ROWS)):
+                writer.write_table(parquet.table(some))
 
-    _parquet.replace_file(path, write)
+    parquet.replace_file(path, write)

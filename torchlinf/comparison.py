@@ -13,9 +13,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf._parquet import replace_file
-from torchlinf._rows import Score
-from torchlinf._terminal import common_folder
+from torchlinf._files.parquet import replace_file
+from torchlinf._files.rows import Score
+from torchlinf._files.terminal import common_folder
 
 Join = Literal["path", "folder", "name", "stem"]
 Column = Literal[

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from torchlinf import _parquet
-from torchlinf._held import Held
-from torchlinf._masks import MAX_PIXELS
-from torchlinf._rows import Score
+from torchlinf._files import parquet
+from torchlinf._files.held import Held
+from torchlinf._files.masks import MAX_PIXELS
+from torchlinf._files.rows import Score
+from torchlinf._files.sources import Source
 from torchlinf._shards import Options, Part, Shard, find_shards, open_folder, read_part, score_shard, tidy
-from torchlinf._sources import Source
 from torchlinf.scoring import score_source
 
 if TYPE_CHECKING:
@@ -80,9 +80,9 @@ class ScoreMasks:
 
     def __call__(self, batch: "Mapping[str, NDArray[Any]] | pyarrow.Table") -> "pyarrow.Table":
         """Score a batch; see the class."""
-        _parquet.require_pyarrow()
+        parquet.require_pyarrow()
         names, values = self._column(batch, self.name), self._column(batch, self.column)
-        return _parquet.table(self._score(str(name), value) for name, value in zip(names, values, strict=True))
+        return parquet.table(self._score(str(name), value) for name, value in zip(names, values, strict=True))
 
     def _score(self, name: str, value: Any) -> Score:
         place = None if isinstance(value, str) else Held(value, self.spatial_ndim)

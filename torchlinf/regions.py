@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from torchlinf._checks import window
-from torchlinf._decision_grids import Bounds, Grid, Plane, bounds_around
-from torchlinf._decision_regions import Asked, DecisionRegions, Measured, regions_on
-from torchlinf._random_planes import PlaneComplexity, random_planes
-from torchlinf._region_loss import DecisionRegionLoss
+from torchlinf._regions.decision_grids import Bounds, Grid, Plane, bounds_around
+from torchlinf._regions.decision_regions import Asked, DecisionRegions, Measured, regions_on
+from torchlinf._regions.random_planes import PlaneComplexity, random_planes
+from torchlinf._regions.region_loss import DecisionRegionLoss
 
 __all__ = [
     "DecisionRegionLoss",

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf._crops import profile_crops
-from torchlinf._masks import MAX_PIXELS, RULE, inside_above, read_mask, read_source
-from torchlinf._readers import UnreadableMaskError
-from torchlinf._rows import COLUMNS, NoTableError, Score
-from torchlinf._sources import Source, find_masks
-from torchlinf._tables import open_table, read_table
-from torchlinf._terminal import print_table
-from torchlinf._workers import in_order
+from torchlinf._files.masks import MAX_PIXELS, RULE, inside_above, read_mask, read_source
+from torchlinf._files.readers import UnreadableMaskError
+from torchlinf._files.rows import COLUMNS, NoTableError, Score
+from torchlinf._files.sources import Source, find_masks
+from torchlinf._files.tables import open_table, read_table
+from torchlinf._files.terminal import print_table
+from torchlinf._files.workers import in_order
 
 __all__ = [
     "COLUMNS",

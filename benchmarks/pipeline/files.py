@@ -14,7 +14,7 @@ from PIL import Image
 
 from benchmarks import shapes
 from benchmarks.timing import alternate
-from torchlinf._workers import in_order
+from torchlinf._files.workers import in_order
 from torchlinf.scoring import Source, find_masks, read_source, score_source
 
 

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from benchmarks.timing import Ratio, alternate, ratio
 from torchlinf import complexity_profile
-from torchlinf._open_frame import open_profile
+from torchlinf._regions.open_frame import open_profile
 from torchlinf.regions import bounds_around, decision_region_complexity
 
 WIDTHS = (64, 256)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from glob import escape
 from pathlib import Path
 
-from torchlinf import _parquet
-from torchlinf._line_file import LineFile
-from torchlinf._rows import NoTableError, Score, csv_header, csv_line, json_line, parse
-from torchlinf._terminal import print_table
+from torchlinf._files import parquet
+from torchlinf._files.line_file import LineFile
+from torchlinf._files.rows import NoTableError, Score, csv_header, csv_line, json_line, parse
+from torchlinf._files.terminal import print_table
 
 JSON_BEGINNING = b'{"path": '
 JOURNAL = ".part"  # what is scored already, beside a Parquet file, which is written in one piece at the end
@@ -93,7 +93,7 @@ def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
             if file.suffix.lower() in (".csv", ".jsonl", ".parquet"):
                 yield from read_table(file)
     elif path.suffix.lower() == ".parquet":
-        yield from _parquet.rows(path)
+        yield from parquet.rows(path)
     else:
         with path.open("rb") as lines:
             yield from (row for row, _ in parse(lines))
@@ -101,11 +101,11 @@ def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
 
 @contextmanager
 def _parquet_table(path: Path, resume: bool, retry: bool) -> Iterator[Writer]:
-    _parquet.require_pyarrow()
+    parquet.require_pyarrow()
     journal = path.with_name(path.name + JOURNAL)
     with LineFile(journal) as lines:
         try:
-            before = _parquet.done(path) if resume and path.exists() else {}
+            before = parquet.done(path) if resume and path.exists() else {}
             after = _line_writer(lines, journal, True, resume, retry)
             if not resume:
                 path.resolve().unlink(missing_ok=True)  # a link stays one
@@ -127,7 +127,7 @@ def _merge(path: Path, journal: Path, failed: set[str]) -> None:
     with journal.open("rb") as file:
         names = {row.path for row, _ in parse(file)}
         file.seek(0)
-        _parquet.extend(path, (row for row, _ in parse(file)), without=names | failed)
+        parquet.extend(path, (row for row, _ in parse(file)), without=names | failed)
 
 
 def _line_writer(lines: LineFile, path: Path, as_json: bool, resume: bool, retry: bool) -> Writer:

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf._coco import Outline, draw
-from torchlinf._held import Held, held_values
-from torchlinf._readers import UnreadableMaskError, Values, read_values
-from torchlinf._sources import Source
+from torchlinf._files.coco import Outline, draw
+from torchlinf._files.held import Held, held_values
+from torchlinf._files.readers import UnreadableMaskError, Values, read_values
+from torchlinf._files.sources import Source
 
 # 8192 x 8192. Solving takes some 130 bytes a pixel, so that a mask of this size still fits into 10 GB.
 MAX_PIXELS = 2**26

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from torchlinf._checks import choice, count
-from torchlinf._decision_grids import Grid
+from torchlinf._regions.decision_grids import Grid
 
 RESPONSES = ("auto", "decision_function", "predict_proba", "predict")  # in the order in which "auto" looks for them
 CHUNK_POINTS = 1 << 14  # points asked for at a time, unless they have very many features:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from glob import has_magic, iglob
 from pathlib import Path
 
-from torchlinf._archives import tar_masks
-from torchlinf._coco import Outline, coco_masks
-from torchlinf._held import Held
-from torchlinf._readers import SUFFIXES, UnreadableMaskError, arrays_in
-from torchlinf._spans import Span
+from torchlinf._files.archives import tar_masks
+from torchlinf._files.coco import Outline, coco_masks
+from torchlinf._files.held import Held
+from torchlinf._files.readers import SUFFIXES, UnreadableMaskError, arrays_in
+from torchlinf._files.spans import Span
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The command `torchlinf order`: which of the masks are simpler in every respect, as a table and as a picture."""
+"""`torchlinf order`: which of the masks are simpler in every respect, as a table and as a picture."""
 
 import sys
 from pathlib import Path
@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from torchlinf._checks import window
+from torchlinf._commands.inputs import find_sources
+from torchlinf._commands.options import AsJson, Invert, MaxPixels, Paths, Threshold
+from torchlinf._commands.order_table import as_csv, as_json_lines, print_order
+from torchlinf._commands.outputs import endings
+from torchlinf._commands.pictures import check_picture, read_shape, require_matplotlib, save_picture, title
 from torchlinf._crops import profile_crops
-from torchlinf._order_table import as_csv, as_json_lines, print_order
-from torchlinf._pictures import check_picture, read_shape, require_matplotlib, title
 from torchlinf._profile import ComplexityProfile
-from torchlinf._readers import SUFFIXES
 from torchlinf.order import WINDOWS, dominance
-from torchlinf.scoring import MAX_PIXELS, RULE, Source, UnreadableMaskError, find_masks
+from torchlinf.scoring import MAX_PIXELS, RULE, Source, UnreadableMaskError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,8 +29,6 @@ if TYPE_CHECKING:
 MAX_DRAWN = 40
 
 BY_DEFAULT = ",".join(f"{low:g}-{high:g}" for low, high in WINDOWS)
-
-INTERRUPTED, PIPE_CLOSED = 130, 141
 
 EPILOG = f"""{RULE}
 
@@ -57,19 +57,17 @@ def parse_windows(text: str) -> Windows | None:
 
 
 def order(
-    paths: Annotated[list[Path], typer.Argument(metavar="PATH", help="Masks, or folders of them, as for score.")],
+    paths: Paths,
     plot: Annotated[
         Path | None, typer.Option("--plot", "-p", metavar="FILE", help="Draw the Hasse diagram: PNG, SVG or PDF.")
     ] = None,
     windows: Annotated[
         str, typer.Option(metavar="LOW-HIGH,...", help="Windows of scales to compare by, or all for every scale.")
     ] = BY_DEFAULT,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line instead of CSV.")] = False,
-    threshold: Annotated[
-        float | None, typer.Option("--threshold", "-t", metavar="T", help="Inside is what is greater.")
-    ] = None,
-    invert: Annotated[bool, typer.Option("--invert", "-i", help="Swap inside and outside.")] = False,
-    max_pixels: Annotated[int, typer.Option(min=1, metavar="N", help="Refuse larger masks.")] = MAX_PIXELS,
+    as_json: AsJson = False,
+    threshold: Threshold = None,
+    invert: Invert = False,
+    max_pixels: MaxPixels = MAX_PIXELS,
 ) -> None:
     """Order masks: one is above another if some window says so, and none says the contrary.
 
@@ -77,13 +75,11 @@ def order(
     error, and the rest go on. Values that are equal within the certified error count as equal.
     """
     compared = parse_windows(windows)
-    sources = list({source.name: source for source in find_masks(paths)}.values())
-    if not sources:
-        raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}; looked for {' '.join(SUFFIXES)}")
+    sources = find_sources(paths)
     if plot is not None:
         require_matplotlib("torchlinf order --plot")
         check_picture(plot, sources, MAX_DRAWN)
-    try:
+    with endings(None):
         masks: dict[str, NDArray[np.bool_]] = {}  # stays empty without a picture: many masks need much memory
         profiles = _solve(sources, threshold, invert, max_pixels, None if plot is None else masks)
         if profiles:
@@ -92,10 +88,6 @@ def order(
             _print(found, titles, as_json)
             if plot is not None:
                 _draw(plot, found, titles, masks)
-    except KeyboardInterrupt:
-        raise typer.Exit(INTERRUPTED) from None
-    except BrokenPipeError:
-        raise typer.Exit(PIPE_CLOSED) from None
     if len(profiles) < len(sources):
         raise typer.Exit(1)
 
@@ -136,11 +128,7 @@ def _draw(picture: Path, found: "DiGraph", titles: dict[str, str], masks: dict[s
     from torchlinf.plot import hasse
 
     renamed = {titles[name]: torch.from_numpy(mask) for name, mask in masks.items()}
-    try:
-        cast("Figure", hasse(renamed, order=_renamed(found, titles)).figure).savefig(picture, dpi=150)
-    except OSError as error:
-        typer.echo(f"The picture cannot be written ({error.strerror}).", err=True)
-        raise typer.Exit(2) from None
+    save_picture(cast("Figure", hasse(renamed, order=_renamed(found, titles)).figure), picture)
 
 
 def _renamed(found: "DiGraph", titles: dict[str, str]) -> "DiGraph":

@@ -6,7 +6,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
-from torchlinf._decision_grids import Bounds, Grid, Plane
+from torchlinf._regions.decision_grids import Bounds, Grid, Plane
 from torchlinf.losses import ShapeComplexityLoss
 
 

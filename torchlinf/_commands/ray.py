@@ -9,7 +9,7 @@ from pathlib import Path
 
 import typer
 
-from torchlinf._outputs import INTERRUPTED
+from torchlinf._commands.outputs import INTERRUPTED
 from torchlinf._shards import Options, Part, find_shards
 from torchlinf.distributed import connected, score_shards
 

@@ -7,7 +7,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torchlinf._rows import COLUMNS, KINDS, NoTableError, Score
+from torchlinf._files.rows import COLUMNS, KINDS, NoTableError, Score
 
 if TYPE_CHECKING:
     import pyarrow

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from torchlinf._readers import UnreadableMaskError, Values, parse_values
+from torchlinf._files.readers import UnreadableMaskError, Values, parse_values
 
 # What files begin with, for those that are not simply images.
 BEGINNINGS = {b"\x93NUMPY": ".npy", b"PK\x03\x04": ".npz", b"II*\0": ".tif", b"MM\0*": ".tif"}

@@ -7,14 +7,16 @@ from typing import NoReturn
 
 import typer
 
-from torchlinf._readers import SUFFIXES
-from torchlinf._rows import NoTableError, Score
-from torchlinf._sources import Source
-from torchlinf._tables import JOURNAL, read_table
-from torchlinf._workers import NoWorkersError
+from torchlinf._files.readers import SUFFIXES
+from torchlinf._files.rows import NoTableError, Score
+from torchlinf._files.sources import Source
+from torchlinf._files.tables import JOURNAL, read_table
+from torchlinf._files.workers import NoWorkersError
 
 # 128 + the number of the signal, as a shell reports a program that SIGINT (Ctrl-C) or SIGPIPE (`| head`) ended.
 WRONG, INTERRUPTED, PIPE_CLOSED = 2, 130, 141
+
+STATUS = "Exit status: 0 all fine, 1 some masks failed, 2 wrong usage or an output that cannot be written."
 
 
 @contextmanager

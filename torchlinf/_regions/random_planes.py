@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from torchlinf._checks import count
-from torchlinf._decision_grids import Plane, as_points, spans_plane
+from torchlinf._regions.decision_grids import Plane, as_points, spans_plane
 
 TRIES = 10  # triples drawn for each plane at most
 

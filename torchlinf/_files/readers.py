@@ -14,7 +14,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf._spans import Span, open_span
+from torchlinf._files.spans import Span, open_span
 
 if TYPE_CHECKING:
     from PIL.Image import Image

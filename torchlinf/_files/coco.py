@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf._readers import UnreadableMaskError
+from torchlinf._files.readers import UnreadableMaskError
 
 # pycocotools walks along the outline in steps of a fifth of a pixel, wherever it leads.
 FARTHEST = 1e6

@@ -7,10 +7,10 @@ from typing import Any, TypedDict
 from torch import Tensor
 
 from torchlinf._checks import choice
-from torchlinf._decision_grids import Grid, Plane
-from torchlinf._open_frame import open_profile
 from torchlinf._profile import ComplexityProfile
-from torchlinf._responses import class_masks
+from torchlinf._regions.decision_grids import Grid, Plane
+from torchlinf._regions.open_frame import open_profile
+from torchlinf._regions.responses import class_masks
 from torchlinf.complexity import complexity_profile
 
 FRAMES = ("background", "open")

@@ -2,13 +2,8 @@
 
 import os
 from collections.abc import Sequence
-from statistics import median
-from typing import TYPE_CHECKING
 
-from torchlinf._rows import Score
-
-if TYPE_CHECKING:
-    from torchlinf.comparison import Comparison
+from torchlinf._files.rows import Score
 
 CAPTION = (
     "D: radius in pixels. fine: scales up to 1/4. coarse: all others. at: scale of the peak. Complexities in bits."
@@ -38,36 +33,6 @@ def print_table(rows: Sequence[Score]) -> None:
     for name, row in zip(names, rows, strict=True):
         if row.error is not None:
             console.print(f"[red]failed[/] {escape(name)}: {escape(row.error)}", soft_wrap=True)
-
-
-def print_comparison(found: "Comparison", largest: int) -> None:
-    """Print what changed from one table to another, and the masks that changed most."""
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    console = Console(highlight=False)
-    for status, count in found.counts.most_common():
-        console.print(f"{count:>9,} {status}")
-    changes = found.changes
-    if changes.size:
-        old, new = found.numbers.mean(axis=1)
-        rose, fell = int((changes > 0).sum()), int((changes < 0).sum())
-        lines = (
-            f"mean {found.column} {old:.3f} before, {new:.3f} after: {new - old:+.3f}, median {median(changes):+.3f}",
-            f"{rose:,} rose, {fell:,} fell, {changes.size - rose - fell:,} stayed",
-            f"rank correlation {found.rank_correlation:.3f}",
-        )
-        console.print("\n".join(lines), soft_wrap=True)
-    if pairs := found.largest(largest):
-        table = Table(title="largest changes", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-        table.add_column("mask", overflow="fold")
-        for title in ("old", "new", "change"):
-            table.add_column(title, justify="right", no_wrap=True)
-        for pair in pairs:
-            table.add_row(escape(pair.mask), f"{pair.old:.3f}", f"{pair.new:.3f}", f"{pair.change:+.3f}")
-        console.print(table)
 
 
 def common_folder(rows: Sequence[Score]) -> str:

@@ -2,12 +2,17 @@
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from torchlinf._commands.outputs import fail
 from torchlinf.scoring import Source, UnreadableMaskError, read_source
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def require_matplotlib(command: str) -> None:
@@ -15,8 +20,7 @@ def require_matplotlib(command: str) -> None:
     try:
         import matplotlib
     except ImportError:
-        typer.echo(f"{command} needs matplotlib. Run: pip install 'torchlinf[plot]'", err=True)
-        raise typer.Exit(2) from None
+        fail(f"{command} needs matplotlib. Run: pip install 'torchlinf[plot]'")
     matplotlib.use("Agg")  # a picture for a file needs no screen
 
 
@@ -35,6 +39,14 @@ def check_picture(picture: Path, sources: list[Source], most: int) -> None:
         raise typer.BadParameter(problem, param_hint="--plot")
     if len(sources) > most:
         raise typer.BadParameter(f"one picture holds {most} masks; got {len(sources)}. Name fewer")
+
+
+def save_picture(figure: "Figure", picture: Path) -> None:
+    """Write the picture, or end the command with the reason why it cannot be written."""
+    try:
+        figure.savefig(picture, dpi=150)
+    except OSError as error:
+        fail(f"The picture cannot be written ({error.strerror}).")
 
 
 def title(source: Source, sources: list[Source]) -> str:

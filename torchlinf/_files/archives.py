@@ -7,8 +7,8 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-from torchlinf._readers import SUFFIXES
-from torchlinf._spans import Span
+from torchlinf._files.readers import SUFFIXES
+from torchlinf._files.spans import Span
 
 
 class Member(NamedTuple):

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf._layers import Bend, Layers, layers
-from torchlinf._panels import COLOURS, pyplot, shorten, silhouette
 from torchlinf.order import Node, hasse_diagram
+from torchlinf.plot._layers import Bend, Layers, layers
+from torchlinf.plot._panels import COLOURS, pyplot, shorten, silhouette
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,0 +1,1 @@
+"""What the command `torchlinf` does, a file a command."""

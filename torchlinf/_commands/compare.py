@@ -1,0 +1,68 @@
+"""`torchlinf compare`: two tables side by side."""
+
+from pathlib import Path
+from statistics import median
+from typing import Annotated
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from torchlinf._commands.outputs import endings, fail, load_table
+from torchlinf.comparison import COMPARED, Column, Comparison, Join, compare_scores, write_pairs
+
+EPILOG = "Exit status: 0 all masks are compared, 1 some are in one table only or failed, 2 nothing to compare."
+
+
+def compare(
+    old: Annotated[Path, typer.Argument(metavar="OLD", help="A table of torchlinf score, or a folder of them.")],
+    new: Annotated[Path, typer.Argument(metavar="NEW", help="Another, of other masks of the same things.")],
+    join: Annotated[Join, typer.Option(help="Which rows are the same mask.")] = "path",
+    column: Annotated[Column, typer.Option(help="What to compare.")] = "complexity",
+    largest: Annotated[int, typer.Option(min=0, metavar="N", help="How many of the largest changes to show.")] = 10,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write both numbers of every mask here, as CSV.")
+    ] = None,
+) -> None:
+    """Compare two tables of scores: old and new masks of one data set."""
+    if out is not None and any(out.exists() and table.exists() and out.samefile(table) for table in (old, new)):
+        raise typer.BadParameter(f"{out} is one of the tables", param_hint="--out")
+    try:
+        found = compare_scores(load_table(old), load_table(new), column=column, join=join)
+    except ValueError as error:
+        fail(f"{error}.")
+    if not found.counts[COMPARED] and not any("failed" in status for status in found.counts):
+        fail(f"no mask of the two tables has the same {join}. Pass --join folder, name or stem.")
+    _print(found, largest)
+    if out is not None:
+        with endings(out):
+            write_pairs(out, found.pairs)
+    if found.counts[COMPARED] < len(found.pairs):
+        raise typer.Exit(1)
+
+
+def _print(found: Comparison, largest: int) -> None:
+    """Print what changed from one table to another, and the masks that changed most."""
+    console = Console(highlight=False)
+    for status, count in found.counts.most_common():
+        console.print(f"{count:>9,} {status}")
+    changes = found.changes
+    if changes.size:
+        old, new = found.numbers.mean(axis=1)
+        rose, fell = int((changes > 0).sum()), int((changes < 0).sum())
+        lines = (
+            f"mean {found.column} {old:.3f} before, {new:.3f} after: {new - old:+.3f}, median {median(changes):+.3f}",
+            f"{rose:,} rose, {fell:,} fell, {changes.size - rose - fell:,} stayed",
+            f"rank correlation {found.rank_correlation:.3f}",
+        )
+        console.print("\n".join(lines), soft_wrap=True)
+    if pairs := found.largest(largest):
+        table = Table(title="largest changes", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+        table.add_column("mask", overflow="fold")
+        for title in ("old", "new", "change"):
+            table.add_column(title, justify="right", no_wrap=True)
+        for pair in pairs:
+            table.add_row(escape(pair.mask), f"{pair.old:.3f}", f"{pair.new:.3f}", f"{pair.change:+.3f}")
+        console.print(table)

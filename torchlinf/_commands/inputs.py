@@ -1,0 +1,23 @@
+"""The masks that a command is given."""
+
+from pathlib import Path
+
+import typer
+from rich.console import Console
+
+from torchlinf._commands.outputs import fail
+from torchlinf._files.readers import SUFFIXES
+from torchlinf.scoring import Source, find_masks
+
+
+def find_sources(paths: list[Path], members: str | None = None) -> list[Source]:
+    """Find the masks that paths stand for, or end the command because there are none or an extra is missing."""
+    try:
+        with Console(stderr=True).status("looking for masks"):
+            sources = find_masks(paths, members=members)
+    except ImportError as error:
+        fail(str(error))
+    if not sources:
+        known = " ".join((*SUFFIXES, ".tar"))
+        raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}; looked for {known}")
+    return sources

@@ -1,0 +1,39 @@
+"""Arguments and options that several commands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Paths = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="PATH",
+        help="Masks (PNG, GIF, TIFF, BMP, JPEG, .npy, .npz), folders of them, patterns in quotes, tar archives, and "
+        "COCO files (.json).",
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="FILE", help="Write the table here: .csv, .jsonl or .parquet. It is resumed."),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="One JSON object a line instead of CSV.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Begin the table anew instead of resuming it.")]
+Retry = Annotated[bool, typer.Option("--retry", help="Of what is in the table, score anew what failed.")]
+Members = Annotated[
+    str | None, typer.Option("--members", metavar="PATTERN", help="Which members of tar archives are masks.")
+]
+Workers = Annotated[
+    int | None,
+    typer.Option("--workers", "-w", min=1, metavar="N", help="Masks worked on at a time.", show_default="all cores"),
+]
+Threshold = Annotated[
+    float | None,
+    typer.Option("--threshold", "-t", metavar="T", help="Inside is what is greater, in the file's own units."),
+]
+Invert = Annotated[bool, typer.Option("--invert", "-i", help="Swap inside and outside, for dark shapes.")]
+Ray = Annotated[
+    str | None,
+    typer.Option("--ray", metavar="ADDRESS", help="Score on Ray into a folder: local, auto, or where a cluster is."),
+]
+MaxPixels = Annotated[int, typer.Option(min=1, metavar="N", help="Refuse larger masks; each pixel takes 130 bytes.")]
