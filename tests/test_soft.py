@@ -1,5 +1,6 @@
 """Soft distance, field and complexity against the hard ones, finite differences and symmetries."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -9,7 +10,15 @@ from torch import Tensor
 from torch.autograd import gradcheck
 
 import torchlinf
-from torchlinf import _erosions, shapes, soft_chessboard_distance, soft_complexity, soft_linf_field
+from torchlinf import (
+    _erosions,
+    _soft,
+    _soft_complexity,
+    shapes,
+    soft_chessboard_distance,
+    soft_complexity,
+    soft_linf_field,
+)
 from torchlinf._solver import graded, transposed
 
 
@@ -312,3 +321,29 @@ def test_options_are_checked() -> None:
         soft_complexity(mask, low=0.5, high=0.5)
     with pytest.raises(ValueError, match="rho"):
         soft_linf_field(mask, rho=torch.tensor(-1.0))
+
+
+@pytest.mark.parametrize("slices", [1, 3])
+def test_complexity_by_groups_of_shapes(slices: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Groups bound the memory and change nothing, nor does solving only once for forward and backward."""
+    probability = grey(3, 2, 11, 9)
+    rho = torch.tensor([[2.0], [3.0], [5.0]], dtype=torch.float64)
+    solves: list[int] = []
+    solve = _soft.solve_graded
+    monkeypatch.setattr(_soft, "solve_graded", lambda *given: solves.append(1) or solve(*given))
+    found = []
+    for pixels in (1 << 16, 4 * 99, 1):
+        monkeypatch.setattr(_soft_complexity, "GROUP_PIXELS", pixels)
+        leaves = [x.clone().requires_grad_() for x in (probability, rho)]
+        solves.clear()
+        value = torchlinf.soft_complexity(leaves[0], rho=leaves[1], slices=slices)
+        found.append((value.detach(), *torch.autograd.grad(value.sum(), leaves)))
+        assert len(solves) == slices * math.ceil(6 / max(1, pixels // 99))
+    assert all(part.abs().max() > 1e-3 for part in found[0])
+    for other in found[1:]:
+        torch.testing.assert_close(found[0][0], other[0], rtol=1e-9, atol=1e-12)
+        for one, two in zip(found[0][1:], other[1:], strict=True):  # running sums over a group round by its length
+            torch.testing.assert_close(one, two, rtol=1e-4, atol=1e-6)
+    step = 1e-6
+    up, down = (torchlinf.soft_complexity(probability, rho=rho + e, slices=slices).sum() for e in (step, -step))
+    torch.testing.assert_close(found[0][2].sum(), (up - down) / (2 * step), rtol=1e-4, atol=1e-7)

@@ -13,6 +13,7 @@ from torch import Tensor
 from torchlinf._checks import as_mask, count, positive, positive_tensor
 from torchlinf._implicit import attach_gradient, soft_distance_of
 from torchlinf._solver.graded import solve_graded
+from torchlinf._solver.problem import Solved
 from torchlinf._solver.status import Status
 from torchlinf.field import largest, normalised
 
@@ -105,25 +106,28 @@ def soft_linf_field(
     shapes, lead = as_probability(probability, spatial_ndim)
     number, tol = count(slices, "slices"), positive(tol, "tol")
     parts = []
-    for occupancy, reached in occupancies(shapes, number):
+    number = number_of_slices(shapes, number)
+    for low in range(number):
+        occupancy, reached = occupancy_of(shapes, number, low)
         field = occupied_field(occupancy, length_of(rho, lead, soft_distance_of(occupancy)), tol)
         parts.append(field * reached.view(-1, *[1] * (field.ndim - 1)))
     return normalised(torch.stack(parts).sum(dim=0)).reshape(*lead, *shapes.shape[1:]).to(probability.dtype)
 
 
-def occupancies(shapes: Tensor, number: int) -> list[tuple[Tensor, Tensor]]:
-    """The slices of `(N, *spatial)` in float64, each divided by its largest value, and that, `(N,)`.
+def number_of_slices(shapes: Tensor, slices: int) -> int:
+    """How many slices are to be taken: a binary mask needs one."""
+    return slices if bool(((shapes > 0) & (shapes < 1)).any()) else 1
 
-    So a mask of one grey is the mask, and thresholds that leave nothing do not count. A binary mask needs one slice.
+
+def occupancy_of(shapes: Tensor, number: int, low: int) -> tuple[Tensor, Tensor]:
+    """One of `number` slices of `(N, *spatial)` in float64, divided by its largest value, and that, `(N,)`.
+
+    So a mask of one grey is the mask, and thresholds that leave nothing do not count.
     """
     shapes = shapes.to(torch.float32 if shapes.device.type == "mps" else torch.float64)
-    binary = not ((shapes > 0) & (shapes < 1)).any()
-    slices = [shapes] if binary or number == 1 else [_cut(number * shapes - low) for low in range(number)]
-    reached = [largest(part) for part in slices]
-    return [
-        (part / torch.where(most > LEAST, most, 1).view(-1, *[1] * (part.ndim - 1)), most)
-        for part, most in zip(slices, reached, strict=True)
-    ]
+    part = shapes if number == 1 else _cut(number * shapes - low)
+    most = largest(part)
+    return part / torch.where(most > LEAST, most, 1).view(-1, *[1] * (part.ndim - 1)), most
 
 
 def _cut(x: Tensor) -> Tensor:
@@ -141,12 +145,17 @@ def length_of(rho: float | Tensor | None, lead: tuple[int, ...], distance: Tenso
     return largest(distance).clamp(min=1)
 
 
-def occupied_field(occupancy: Tensor, length: Tensor, tol: float) -> Tensor:
-    """f = o (M f + N f + 1) / (2 + 1/rho^2) of `(N, *spatial)`, differentiable by o and rho."""
+def occupied_field(occupancy: Tensor, length: Tensor, tol: float, known: list[Solved] | None = None) -> Tensor:
+    """f = o (M f + N f + 1) / (2 + 1/rho^2) of `(N, *spatial)`, differentiable by o and rho.
+
+    If a list is given, the solution is put there the first time, and not solved for again the next.
+    """
+    known = [] if known is None else known
     s = length.reshape(-1, *[1] * (occupancy.ndim - 1)) ** -2
     weight = occupancy / (2 + s)
-    inside = torch.where(weight.detach() > LEAST, weight.detach(), 0)
-    solved = solve_graded(inside, tol)
+    if not known:
+        known.append(solve_graded(torch.where(weight.detach() > LEAST, weight.detach(), 0), tol))
+    solved = known[0]
     if (solved.status == Status.MAX_SWEEPS).any():
         raise RuntimeError(
             f"every shape must be certified to tol={tol:g}; the error bound of one is "

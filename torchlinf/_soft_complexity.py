@@ -6,15 +6,18 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-from torchlinf._checks import choice, count, positive, window
+from torchlinf._checks import choice, count, positive, positive_tensor, window
 from torchlinf._implicit import soft_distance_of
-from torchlinf._soft import as_probability, length_of, occupancies, occupied_field
+from torchlinf._soft import as_probability, length_of, number_of_slices, occupancy_of, occupied_field
+from torchlinf._solver.problem import Solved
 from torchlinf.field import largest, normalised
 
 FLOOR = 1e-4  # of the standard deviation, where its square root would have no derivative
 LIGHT = 1e-9  # share of a level below which a pixel does not count
-GROUP_PIXELS = 1 << 16  # of the shapes whose levels are looked at together
+GROUP_PIXELS = 1 << 16  # of the shapes that are looked at together
 APART = 64.0  # bandwidths between the values of two levels: exp(-64) is nothing
+
+Options = tuple[tuple[float, float], str, float]  # window of scales, estimator, bandwidth
 
 
 def soft_complexity(
@@ -51,7 +54,7 @@ def soft_complexity(
         rho: screening length in pixels, a number or a tensor that broadcasts to the leading shape; None means each
             slice's own radius.
         slices: number of equal intervals the probability is cut into, 1 or more. More follow grey
-            masks better, at as many times the work and memory; on a binary mask all are the same and one is taken.
+            masks better, at as many times the work; on a binary mask all are the same and one is taken.
         tol: relative error each field is certified to.
         spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
 
@@ -79,28 +82,40 @@ def soft_complexity(
     choice(estimator, tuple(ESTIMATORS), "estimator")
     shapes, lead = as_probability(probability, spatial_ndim)
     number, bandwidth, tol = count(slices, "slices"), positive(bandwidth, "bandwidth"), positive(tol, "tol")
-    values, weights = [], []
-    for occupancy, reached in occupancies(shapes, number):
-        distance = soft_distance_of(occupancy)
-        field = normalised(occupied_field(occupancy, length_of(rho, lead, distance), tol))
-        value = _in_groups(field, distance, occupancy, ((low, high), estimator, bandwidth))
-        values.append(reached * value)
-        weights.append(reached)
-    weight = torch.stack(weights).sum(dim=0)
-    result = torch.stack(values).sum(dim=0) / torch.where(weight > 0, weight, 1)
+    number = number_of_slices(shapes, number)
+    size = max(1, GROUP_PIXELS // max(1, shapes[0].numel() if len(shapes) else 1))
+    groups = list(shapes.split(size)) if len(shapes) else []
+    rhos: list[float | Tensor | None] = [rho] * len(groups)
+    if isinstance(rho, Tensor):
+        positive_tensor(rho, lead, "rho")
+        rhos = list(rho.broadcast_to(lead).reshape(-1).split(size))
+    options = ((low, high), estimator, bandwidth)
+    found = [_of_group(*group, number, tol, options) for group in zip(groups, rhos, strict=True)]
+    result = torch.cat(found) if found else shapes.sum(dim=tuple(range(1, shapes.ndim)))
     return result.reshape(lead).to(probability.dtype)
 
 
-def _in_groups(
-    field: Tensor, distance: Tensor, occupancy: Tensor, options: tuple[tuple[float, float], str, float]
-) -> Tensor:
-    """`_mean_over_scales` in groups of shapes, made again in the backward pass, so that only one is in memory."""
-    size = max(1, GROUP_PIXELS // max(1, field[0].numel() if len(field) else 1))
-    parts = zip(field.split(size), distance.split(size), occupancy.split(size), strict=True)
-    found = [
-        checkpoint(_mean_over_scales, *part, *options, use_reentrant=False, preserve_rng_state=False) for part in parts
-    ]
-    return torch.cat(found) if found else field.new_zeros(0)
+def _of_group(shapes: Tensor, rho: float | Tensor | None, number: int, tol: float, options: Options) -> Tensor:
+    """The result for a group of shapes, `(N,)`.
+
+    For the backward pass only its fields are kept. All else is made again, so that of one group alone it is in memory.
+    """
+    known: list[list[Solved]] = [[] for _ in range(number)]
+
+    def mean(shapes: Tensor, rho: float | Tensor | None) -> Tensor:
+        values, weights = [], []
+        for low in range(number):
+            occupancy, reached = occupancy_of(shapes, number, low)
+            distance = soft_distance_of(occupancy)
+            length = length_of(rho, (len(shapes),), distance)
+            field = normalised(occupied_field(occupancy, length, tol, known[low]))
+            values.append(reached * _mean_over_scales(field, distance, occupancy, *options))
+            weights.append(reached)
+        weight = torch.stack(weights).sum(dim=0)
+        return torch.stack(values).sum(dim=0) / torch.where(weight > 0, weight, 1)
+
+    result: Tensor = checkpoint(mean, shapes, rho, use_reentrant=False, preserve_rng_state=False)
+    return result
 
 
 def _mean_over_scales(
