@@ -120,7 +120,7 @@ except KeyboardInterrupt:
 
 
 def test_import_is_light() -> None:
-    heavy = ["numba", "scipy", "skimage", "matplotlib", "typer", "rich", "kornia"]
+    heavy = ["numba", "scipy", "skimage", "networkx", "matplotlib", "typer", "rich", "pyarrow", "ray", "PIL", "kornia"]
     script = "import sys, torch; before = set(sys.modules); import torchlinf; "
     script += f"print([name for name in {heavy} if name in set(sys.modules) - before])"
     assert run(script).strip() == "[]"

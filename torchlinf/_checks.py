@@ -150,7 +150,11 @@ def count(value: int, name: str) -> int:
 
 
 def fraction(value: float, name: str) -> float:
-    """Check a number strictly between 0 and 1."""
+    """Return `value` as a float if it lies strictly between 0 and 1, else raise.
+
+    >>> fraction(0.5, "threshold")
+    0.5
+    """
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} must be a number in (0, 1); got {value!r}. Pass a float.")
     if not 0 < value < 1:
