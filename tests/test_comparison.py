@@ -2,6 +2,7 @@
 
 import csv
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -170,3 +171,16 @@ def test_what_cannot_be_compared_is_explained(tmp_path: Path) -> None:
         result = run(app, ["compare", *arguments])
         assert result.exit_code == 2, words
         assert words in " ".join(result.stderr.replace("│", " ").split()), result.stderr
+
+
+def test_numbers_that_cannot_be_written_leave_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    old, out = write(tmp_path / "old.csv", rows(a=2.0)), tmp_path / "changes.csv"
+    out.write_text("before\n")
+    monkeypatch.setattr(os, "fsync", full)
+    result = run(app, ["compare", old, old, "--out", str(out)])
+    assert (result.exit_code, result.stderr) == (2, f"{out} cannot be written (No space left on device).\n")
+    assert out.read_text() == "before\n"
+    assert sorted(os.listdir(tmp_path)) == ["changes.csv", "old.csv"]

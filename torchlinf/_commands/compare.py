@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from torchlinf._commands.outputs import endings, fail, load_table
+from torchlinf._commands.outputs import fail, load_table
 from torchlinf.comparison import COMPARED, Column, Comparison, Join, compare_scores, write_pairs
 
 EPILOG = "Exit status: 0 all masks are compared, 1 some are in one table only or failed, 2 nothing to compare."
@@ -37,8 +37,10 @@ def compare(
         fail(f"no mask of the two tables has the same {join}. Pass --join folder, name or stem.")
     _print(found, largest)
     if out is not None:
-        with endings(out):
+        try:
             write_pairs(out, found.pairs)
+        except OSError as error:
+            fail(f"{out} cannot be written ({error.strerror or error}).")
     if found.counts[COMPARED] < len(found.pairs):
         raise typer.Exit(1)
 
