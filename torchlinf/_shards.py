@@ -6,6 +6,7 @@ an earlier worker was lost, perhaps by one of the masks: from then on they are s
 
 import json
 import os
+import platform
 import re
 import time
 from collections.abc import Iterable, Iterator
@@ -192,7 +193,7 @@ def _begin(marker: Path) -> int:
     with marker.open("a+") as file:
         file.seek(0)
         before = len(file.readlines())
-        file.write(f"{os.uname().nodename} {os.getpid()}\n")
+        file.write(f"{platform.node()} {os.getpid()}\n")
     return before
 
 

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
+from uuid import uuid4
 
 from torchlinf._files.rows import COLUMNS, KINDS, NoTableError, Score
 
@@ -88,7 +89,8 @@ def extend(path: Path, new: Iterable[Score], *, without: Container[str] = frozen
 def replace_file(path: Path, write: Callable[[Path], None]) -> None:
     """Have `write(temporary)` write a file, and give it its name when it is whole and on the disk."""
     path = path.resolve()  # a link stays one
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    # Not the number of the process: on two machines that share the folder it may be the same.
+    temporary = path.with_name(f".{path.name}.{uuid4().hex}.tmp")
     try:
         write(temporary)
         with temporary.open("rb") as file:
