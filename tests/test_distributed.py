@@ -289,3 +289,13 @@ def test_the_command_on_ray_wants_a_folder_masks_and_a_cluster(
     result = run(app, ["score", str(tmp_path), "--out", str(tmp_path / "out"), "--ray", "auto"])
     assert result.exit_code == 2
     assert "Ray cannot be reached at auto (nobody answers)." in result.stderr
+
+
+def test_ctrl_c_on_ray_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, loud: None) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ray.init", interrupted)
+    command = ["score", str(tar(tmp_path / "a.tar", 1)), "--out", str(tmp_path / "out"), "--ray", "local"]
+    result = CliRunner().invoke(app, command)
+    assert (result.exit_code, result.stderr) == (130, "Stopped; the same command goes on where this one was.\n")

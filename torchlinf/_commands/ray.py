@@ -9,7 +9,7 @@ from pathlib import Path
 
 import typer
 
-from torchlinf._commands.outputs import INTERRUPTED
+from torchlinf._commands.outputs import INTERRUPTED, fail
 from torchlinf._shards import Options, Part, find_shards
 from torchlinf.distributed import connected, score_shards
 
@@ -43,24 +43,20 @@ def score_on_ray(
                 parts.append(part)
                 advance()
     except KeyboardInterrupt:
+        typer.echo("Stopped; the same command goes on where this one was.", err=True)
         raise typer.Exit(INTERRUPTED) from None
     except ConnectionError as error:
-        _stop(f"Ray cannot be reached at {address} ({_first_line(error)}).")
+        fail(f"Ray cannot be reached at {address} ({_first_line(error)}).")
     except OSError as error:
         why = os.strerror(error.errno) if error.errno else _first_line(error)
-        _stop(f"The table cannot be written ({why}); it has {len(parts)} of {len(shards)} parts.")
+        fail(f"The table cannot be written ({why}); it has {len(parts)} of {len(shards)} parts.")
     except (ImportError, ValueError) as error:
-        _stop(_first_line(error))
+        fail(_first_line(error))
     failed = sum(part.failed for part in parts)
     if failed:
         total = sum(part.masks for part in parts)
         typer.echo(f"{failed} of {total} masks failed; the column 'error' says why.", err=True)
         raise typer.Exit(1)
-
-
-def _stop(message: str) -> None:
-    typer.echo(message, err=True)
-    raise typer.Exit(2) from None
 
 
 def _first_line(error: Exception) -> str:
