@@ -158,8 +158,8 @@ def test_a_marker_of_a_lost_worker_isolates_the_masks(tmp_path: Path, monkeypatc
     for lost in (0, LOST - 1):
         out = tmp_path / f"out{lost}"
         out.mkdir()
-        (out / f".{shard.part}.begun").write_text("some-machine 17\n" * lost)
-        score_shard(shard, out, DEFAULTS)
+        (out / f".{shard.part}.begun").write_text("this some-machine 17\n" * lost)
+        score_shard(shard, out, DEFAULTS, "this")
         assert os.listdir(out) == [shard.part]
         rows.append(untimed(read_table(out)))
     assert seen == [False, True]
@@ -171,8 +171,8 @@ def test_a_shard_that_costs_too_many_workers_is_given_up(tmp_path: Path) -> None
     out = tmp_path / "out"
     out.mkdir()
     for shard, names in ((archive, ["a.tar"]), (run, [f"single/{number:03}.png" for number in range(3)])):
-        (out / f".{shard.part}.begun").write_text("some-machine 17\n" * LOST)
-        part = score_shard(shard, out, DEFAULTS)
+        (out / f".{shard.part}.begun").write_text("this some-machine 17\n" * LOST)
+        part = score_shard(shard, out, DEFAULTS, "this")
         assert (part.masks, part.failed) == (len(names), len(names))
         rows = list(read_table(out / part.name))
         assert [row.path for row in rows] == [str(tmp_path / name) for name in names]
@@ -181,6 +181,18 @@ def test_a_shard_that_costs_too_many_workers_is_given_up(tmp_path: Path) -> None
         }
         (out / part.name).unlink()
         assert score_shard(shard, out, DEFAULTS).failed == 0
+
+
+def test_workers_that_were_ended_with_their_run_do_not_count_against_the_shard(tmp_path: Path) -> None:
+    (shard,) = find_shards([tar(tmp_path / "a.tar", 2)])
+    out = tmp_path / "out"
+    out.mkdir()
+    marker = out / f".{shard.part}.begun"
+    marker.write_text("".join(f"run-{number} some-machine 17\n" for number in range(2 * LOST)))
+    assert score_shard(shard, out, DEFAULTS, "another").failed == 0
+    (out / shard.part).unlink()
+    marker.write_text("before some-machine 17\n" + "this some-machine 17\n" * LOST)
+    assert score_shard(shard, out, DEFAULTS, "this").failed == 1
 
 
 def test_a_part_that_cannot_be_written_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

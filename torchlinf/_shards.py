@@ -24,7 +24,7 @@ from torchlinf.scoring import score_masks
 
 ARCHIVES = (".tar", ".json")
 FILES = 1000  # single files in a shard
-LOST = 5  # workers that a shard may cost: Ray Data would go on for ever
+LOST = 5  # workers that a shard may cost in one run: Ray Data would go on for ever
 RUN = re.compile(r"files-[0-9a-f]+\.parquet$")  # parts of single files
 SETTINGS = "_settings.json"  # readers of Parquet folders pass over names that begin with _ or .
 
@@ -166,8 +166,18 @@ def read_part(path: Path) -> Part | None:
         return None
 
 
-def score_shard(shard: Shard, out: Path, options: Options) -> Part:
+def score_shard(shard: Shard, out: Path, options: Options, run: str = "") -> Part:
     """Score the masks of a shard into its part, unless that is there.
+
+    Args:
+        shard: what to score.
+        out: the folder of the parts.
+        options: how its masks are read.
+        run: a word for the run that this belongs to. Workers that other runs lost do not count against the shard:
+            they may have been ended with their run.
+
+    Returns:
+        What is known of the part.
 
     Raises:
         OSError: the part cannot be written.
@@ -177,9 +187,10 @@ def score_shard(shard: Shard, out: Path, options: Options) -> Part:
     if (part := read_part(path)) is not None:
         return part
     marker = out / f".{shard.part}.begun"
-    lost = _begin(marker)
+    before = _begin(marker, run)
+    lost = before.count(run)
     try:
-        rows = _rows(shard, options, isolated=lost > 0) if lost < LOST else _given_up(shard, lost)
+        rows = _rows(shard, options, isolated=bool(before)) if lost < LOST else _given_up(shard, lost)
         write_part(path, rows)
     finally:
         marker.unlink(missing_ok=True)
@@ -188,12 +199,12 @@ def score_shard(shard: Shard, out: Path, options: Options) -> Part:
     return replace(part, seconds=time.perf_counter() - start)
 
 
-def _begin(marker: Path) -> int:
-    """Add a line to the marker; how many workers began before and did not end."""
+def _begin(marker: Path, run: str) -> list[str]:
+    """Add a line to the marker; the runs of the workers that began before and did not end."""
     with marker.open("a+") as file:
         file.seek(0)
-        before = len(file.readlines())
-        file.write(f"{platform.node()} {os.getpid()}\n")
+        before = [line.partition(" ")[0] for line in file]
+        file.write(f"{run} {platform.node()} {os.getpid()}\n")
     return before
 
 

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 from numpy.typing import NDArray
 
@@ -115,7 +116,7 @@ def score_shards(
 
     What is there already is not done again, so that a job that was killed is continued by the same call. A shard whose
     worker was lost is tried again, then with its masks in a process of their own: one that ends that process gives a
-    row with an error. A shard that costs five workers is given up, and the rows of its files say so.
+    row with an error. A shard that costs five workers in one call is given up, and the rows of its files say so.
 
     Args:
         shards: what `find_shards` found. Workers read the files under the same names, and write to the same `out`, so
@@ -189,12 +190,12 @@ class _Work:
     """What a worker does with a row of the dataset."""
 
     def __init__(self, out: Path, options: Options) -> None:
-        self.out, self.options = out, options
+        self.out, self.options, self.run = out, options, uuid4().hex
 
     def __call__(self, row: Mapping[str, Any]) -> dict[str, bytes]:
         """The part of the row's shard, or why there is none, which Ray would wrap in errors of its own."""
         try:
-            answer: Part | Exception = score_shard(pickle.loads(row["shard"]), self.out, self.options)
+            answer: Part | Exception = score_shard(pickle.loads(row["shard"]), self.out, self.options, self.run)
         except Exception as error:
             answer = error
         return {"answer": pickle.dumps(answer)}
