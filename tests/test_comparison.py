@@ -164,6 +164,8 @@ def test_what_cannot_be_compared_is_explained(tmp_path: Path) -> None:
         "notes.csv is no table of `torchlinf score`: its first line": [str(tmp_path / "notes.csv"), old],
         "'error' is not one of": [old, old, "--column", "error"],
         "is one of the tables": [old, old, "--out", old],
+        "changes.parquet would hold CSV": [old, old, "--out", "changes.parquet"],
+        "a.png would hold CSV": [old, old, "--out", "a.png"],
         "cannot be written (No such file or directory)": [old, old, "--out", str(tmp_path / "no" / "out.csv")],
         "more than once": [write(tmp_path / "twice.csv", [*rows(a=1.0), *rows(a=1.0)]), old],
     }

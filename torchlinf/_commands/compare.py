@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from torchlinf._commands.outputs import fail, load_table
+from torchlinf._files.readers import SUFFIXES
 from torchlinf.comparison import COMPARED, Column, Comparison, Join, compare_scores, write_pairs
 
 EPILOG = "Exit status: 0 all masks are compared, 1 some are in one table only or failed, 2 nothing to compare."
@@ -29,6 +30,8 @@ def compare(
     """Compare two tables of scores: old and new masks of one data set."""
     if out is not None and any(out.exists() and table.exists() and out.samefile(table) for table in (old, new)):
         raise typer.BadParameter(f"{out} is one of the tables", param_hint="--out")
+    if out is not None and out.suffix.lower() in (*SUFFIXES, ".tar", ".json", ".jsonl", ".parquet"):
+        raise typer.BadParameter(f"{out} would hold CSV; pass for example changes.csv", param_hint="--out")
     try:
         found = compare_scores(load_table(old), load_table(new), column=column, join=join)
     except ValueError as error:
