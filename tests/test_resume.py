@@ -251,7 +251,9 @@ def test_a_link_to_a_parquet_file_stays_a_link(tmp_path: Path) -> None:
     (tmp_path / "link.parquet").symlink_to(tmp_path / "folder" / "scores.parquet")
     go_on(tmp_path / "link.parquet", ROWS[3:])
     go_on(tmp_path / "link.parquet", ROWS[:1], resume=False)
+    (tmp_path / "folder" / ".scores.parquet.123.tmp").write_bytes(b"PAR1")  # a kill leaves it
     go_on(tmp_path / "link.parquet")
+    assert os.listdir(tmp_path / "folder") == ["scores.parquet"]
     assert (tmp_path / "link.parquet").is_symlink()
     assert list(read_table(tmp_path / "folder" / "scores.parquet")) == ROWS
 

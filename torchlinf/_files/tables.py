@@ -122,7 +122,8 @@ def _parquet_table(path: Path, resume: bool, retry: bool) -> Iterator[Writer]:
 
 def _merge(path: Path, journal: Path, failed: set[str]) -> None:
     """Put the journal's rows behind those of a Parquet file; killed and called again, it does the same."""
-    for leftover in path.parent.glob(f".{escape(path.name)}.*.tmp"):  # of a run that was killed right here
+    real = path.resolve()
+    for leftover in real.parent.glob(f".{escape(real.name)}.*.tmp"):  # of a run that was killed right here
         leftover.unlink()
     with journal.open("rb") as file:
         names = {row.path for row, _ in parse(file)}
