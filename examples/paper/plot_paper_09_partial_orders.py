@@ -103,6 +103,7 @@ def in_line(nodes: list[tuple[str, ...]], sign: str) -> str:
 
 pairs = incomparable_pairs(order)
 print(f"incomparable: {len(pairs)} of {len(order) * (len(order) - 1) // 2} pairs")
+assert pairs
 for a, b in pairs:
     print("   ", in_line([a, b], " | "))
 print(f"longest chain: {in_line(longest_chain(order), ' < ')}")
@@ -110,6 +111,9 @@ print(f"largest antichain: {in_line(largest_antichain(order), ', ')}")
 print("fewest chains that hold all, as many as the antichain has members:")
 for chain in chains(order):
     print("   ", in_line(chain, " < "))
+assert len(chains(order)) == len(largest_antichain(order))
+if "device3-1" in masks:
+    assert (len(pairs), len(longest_chain(order)), len(largest_antichain(order)), len(steps.edges)) == (20, 5, 4, 11)
 
 # %%
 # Why a pair cannot be compared: its profiles cross, so the answer depends on the scale at which one looks. This is the
@@ -146,6 +150,7 @@ print(f"incomparable at all scales: {len(incomparable_pairs(everywhere))} pairs,
 
 implied = all(order.has_edge(a, b) for a, b in everywhere.edges)
 print(f"every step at all scales is a step by the two means: {implied}")
+assert implied
 
 # %%
 # Equal means equal within the certified error of the solution. Squares with one, two and four appendages, narrow and
@@ -155,5 +160,7 @@ print(f"every step at all scales is a step by the two means: {implied}")
 twelve = shapes.appendage_dictionary(64, 16, widths=(16, 40))
 of_twelve = {name: torchlinf.complexity_profile(mask, spatial_ndim=2) for name, mask in twelve.items()}
 print(f"largest certified error: {max(float(profile.error_bound) for profile in of_twelve.values()):.0e}")
-plot.hasse(twelve, order=dominance(of_twelve, windows=[(0.0, 0.25), (0.25, 0.625)]))
+order_of_twelve = dominance(of_twelve, windows=[(0.0, 0.25), (0.25, 0.625)])
+plot.hasse(twelve, order=order_of_twelve)
 plt.show()
+assert [len(node) for node in order_of_twelve] == [2] * 6

@@ -69,7 +69,9 @@ def gallery(masks: dict[str, Tensor], columns: int) -> None:
 # a square that is repeated on the diagonal, overlapping or touching in a corner, adds nothing. The pattern spectrum
 # says the same: each of them consists of squares of one size, 32 pixels, and no larger one fits.
 
-gallery(shapes.zero_complexity(32), columns=4)
+repeated = shapes.zero_complexity(32)
+gallery(repeated, columns=4)
+assert all(complexity(mask) == spectrum_entropy(mask) == 0 for mask in repeated.values())
 
 # %%
 # That is no rule. Below, the first two shapes consist of equal squares too, moved along no axis and no diagonal; their
@@ -95,6 +97,8 @@ odd_ones = {
     "bump of 63 on 64": shapes.with_appendages((64, 64), [shapes.Appendage("right", 63, 32)]),
 }
 gallery(odd_ones, columns=4)
+assert all(complexity(odd_ones[name]) > 0 == spectrum_entropy(odd_ones[name]) for name in ("overlap, aslant", "stairs"))
+assert complexity(step) == 0 < spectrum_entropy(step)
 
 # %%
 # The spectrum counts pixels, wherever they are. A square of 64 with four squares of 16 has one spectrum, whether these
@@ -203,3 +207,4 @@ ax.spines[["top", "right"]].set_visible(False)
 plt.show()
 tau = stats.kendalltau(*zip(*found, strict=True)).statistic
 print(f"{len(found)} noisy squares: Kendall's tau between the two numbers is {tau:.2f}")
+assert tau > 0.9
