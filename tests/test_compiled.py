@@ -116,6 +116,29 @@ def test_components_that_are_no_chain_are_solved(side: int, unknowns: int) -> No
     assert np.abs(left[inside] - 1).max() < 1e-9
 
 
+@pytest.mark.parametrize("peak", [True, False])
+@pytest.mark.parametrize(("length", "screening"), [(1, 0.1), (9, 1 / 144), (70, 4.0)])
+def test_chains_are_the_tridiagonal_system(length: int, screening: float, peak: bool) -> None:
+    """Also beyond the end of the table, which for the last is shorter than the chain."""
+    factors = thomas.thomas_factors(1000, screening)
+    assert (factors.shape[1] < length) == (length == 70)
+    below, above = 1.7, 2.9
+    matrix = (2 + screening) * np.eye(length) - np.eye(length, k=1) - np.eye(length, k=-1)
+    matrix[-1, -1] -= peak
+    sides = np.zeros((length, 3))
+    sides[:, 0], sides[0, 1], sides[-1, 2] = 1, 1, not peak
+    constant, by_below, by_above = np.linalg.solve(matrix, sides).T
+    v = np.r_[below, np.zeros(length), above]
+    places = np.arange(length + 2, dtype=np.int32)
+    up, down = places + 1, places - 1
+    up[length] -= peak
+    thomas.solve_chain(v, 1, length, length, up, down, factors, screening)
+    np.testing.assert_allclose(v[1:-1], constant + below * by_below + above * by_above, rtol=1e-12)
+    responses = np.empty((3, length))
+    thomas.solve_chain_affine(length, peak, factors, responses)
+    np.testing.assert_allclose(responses, [constant, by_below, by_above], rtol=1e-9, atol=1e-15)
+
+
 def test_chain_with_a_peak_is_the_profile_of_a_square() -> None:
     length, screening = 12, 1 / 144
     geometry = grid.make_grid(np.pad(np.ones(2 * length, bool), 1))

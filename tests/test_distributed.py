@@ -9,7 +9,6 @@ import subprocess
 import sys
 import threading
 import time
-import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -46,7 +45,6 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         root = str(Path(torchlinf.__file__).parents[1])
         patch.setenv("PYTHONPATH", os.pathsep.join([str(folder), root]))
-        patch.setenv("RAY_AUTH_TOKEN", uuid.uuid4().hex * 2)
         patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
         with connected("local", workers=2):
             yield

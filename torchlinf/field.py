@@ -151,7 +151,7 @@ def linf_field(
     value = solved.value
     if isinstance(rho, Tensor) and rho.requires_grad:
         length = rho.to(value).broadcast_to(lead).reshape(-1, *[1] * (value.ndim - 1))
-        value = attach_gradient(value, shapes / (2 + length**-2), solved.error_bound)
+        value = attach_gradient(value, shapes / (2 + length**-2), solved.error_bound, everywhere=False)
     return normalised(value).reshape(mask.shape).to(dtype or value.dtype)
 
 

@@ -5,7 +5,7 @@ import argparse
 import torch
 
 from benchmarks.regulariser.designs import DESIGNS, Design
-from benchmarks.regulariser.families import random_shapes
+from benchmarks.regulariser.families import families, other_families, random_shapes
 from benchmarks.regulariser.measures import Descent, descent, rank_correlation, sign_agreement
 
 WEIGHTS = (0.05, 0.5, 5.0)
@@ -23,10 +23,11 @@ def main() -> None:
     shapes = random_shapes(options.shapes)
     for name in options.only:
         design = DESIGNS[name]
-        agreement = sign_agreement(design)
-        right, number = (sum(column) for column in zip(*agreement.values(), strict=True))
-        parts = ", ".join(f"{family} {good}/{of}" for family, (good, of) in agreement.items())
-        print(f"| {name} | {right / number:.0%} of {number} | {parts} |", flush=True)
+        for kind in (families, other_families):
+            agreement = sign_agreement(design, kind())
+            right, number = (sum(column) for column in zip(*agreement.values(), strict=True))
+            parts = ", ".join(f"{family} {good}/{of}" for family, (good, of) in agreement.items())
+            print(f"| {name} | {right} of {number}, {right / number:.0%} | {parts} |", flush=True)
         print(f"| {name} | rank correlation {rank_correlation(design, shapes):.3f} |", flush=True)
         for additions, seed in SQUARES:
             weight, best = _best(design, additions, seed, options.steps)

@@ -10,8 +10,10 @@ from torchlinf import shapes
 
 SIZE = 64
 
+Family = tuple[str, list[Tensor]]
 
-def families() -> Iterator[tuple[str, list[Tensor]]]:
+
+def families() -> Iterator[Family]:
     """Name and members, (SIZE, SIZE) bool each, in the order of the parameter."""
     for radius in (14, 20, 26):
         exponents = (1.0, 1.2, 1.5, 2.0, 2.6, 3.5, 5.0, 8.0, 14.0, 30.0)
@@ -28,6 +30,30 @@ def families() -> Iterator[tuple[str, list[Tensor]]]:
             [_rotated(*sides, angle) for angle in (0.0, 2.0, 4.0, 7.0, 11.0, 16.0, 22.0, 30.0, 38.0, 45.0)],
         )
     yield "radius of a disc", [_centred(shapes.disc(radius)) for radius in range(6, 31, 3)]
+
+
+def other_families() -> Iterator[Family]:
+    """Families that no design was made for."""
+    for axis in (12, 17):
+        yield "ellipse axis", [_ellipse(24, axis * share) for share in (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2)]
+    for axes in ((24, 12), (26, 18)):
+        yield "ellipse rotation", [_ellipse(*axes, angle) for angle in (0, 3, 6, 10, 15, 20, 27, 36, 45)]
+    for sides in ((20, 32), (38, 22)):
+        yield "other rotation", [_rotated(*sides, angle) for angle in (0, 3, 5, 9, 13, 18, 25, 34, 43)]
+    down, across = _turned(0)
+    angle, radius = torch.atan2(down, across), (down.square() + across.square()).sqrt()
+    for points in (3, 5):
+        heights = (0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
+        yield "star", [radius <= 18 * (1 + height * torch.cos(points * angle)) for height in heights]
+    slopes = (0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6)
+    yield "shear", [((across + slope * down).abs() <= 14) & (down.abs() <= 14) for slope in slopes]
+    exponents = (1, 1.2, 1.5, 2, 2.6, 3.5, 5, 8, 14, 30)
+    yield "turned superellipse", [_ellipse(20, 20, 20, exponent) for exponent in exponents]
+    yield "long superellipse", [_ellipse(26, 15, 0, exponent) for exponent in exponents]
+    beyond = [[(x.abs() - 18 + q).clamp(min=0).square() for x in (down, across)] for q in range(0, 19, 2)]
+    yield "rounded corners", [a + b <= q * q + 0.1 for (a, b), q in zip(beyond, range(0, 19, 2), strict=True)]
+    turned = [_turned(angle) for angle in (0, 2, 4, 7, 11, 16, 22, 30, 38, 45)]
+    yield "L rotation", [(x.abs() <= 20) & (y.abs() <= 20) & ~((x > 2) & (y > 2)) for y, x in turned]
 
 
 def random_shapes(count: int, seed: int = 0) -> Tensor:
@@ -83,10 +109,21 @@ def _appended(side: int, depth: int) -> Tensor:
 
 
 def _rotated(height: int, width: int, degrees: float) -> Tensor:
+    down, across = _turned(degrees)
+    return (across.abs() <= width / 2) & (down.abs() <= height / 2)
+
+
+def _ellipse(width: float, height: float, degrees: float = 0, exponent: float = 2) -> Tensor:
+    """Half axes, and the exponent of a superellipse."""
+    down, across = _turned(degrees)
+    return (across.abs() / width) ** exponent + (down.abs() / height) ** exponent <= 1
+
+
+def _turned(degrees: float) -> tuple[Tensor, Tensor]:
+    """Coordinates from the centre, down and across."""
     rows, columns = torch.meshgrid(*[torch.arange(SIZE) - SIZE / 2 + 0.5] * 2, indexing="ij")
     cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    across, down = cos * columns + sin * rows, cos * rows - sin * columns
-    return (across.abs() <= width / 2) & (down.abs() <= height / 2)
+    return cos * rows - sin * columns, cos * columns + sin * rows
 
 
 def _blob(generator: torch.Generator) -> Tensor:

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import torch
@@ -9,19 +10,19 @@ from torch import Tensor
 
 import torchlinf
 from benchmarks.regulariser.designs import Design
-from benchmarks.regulariser.families import families, noisy_square
+from benchmarks.regulariser.families import Family, noisy_square
 
 NOTICEABLE = 1e-3  # bits; smaller differences of the hard complexity have no sign to agree with
 
 
-def sign_agreement(design: Design) -> dict[str, tuple[int, int]]:
+def sign_agreement(design: Design, families: Iterable[Family]) -> dict[str, tuple[int, int]]:
     """For each kind of family: at how many members the signs agree, and of how many.
 
     At each inner member the slope along the family, <gradient, next shape - previous shape>, is compared with the
     difference of the hard complexities of the next and the previous shape.
     """
     found: dict[str, tuple[int, int]] = {}
-    for name, members in families():
+    for name, members in families:
         values = torchlinf.complexity(torch.stack(members), spatial_ndim=2).tolist()
         for i in range(1, len(members) - 1):
             difference = values[i + 1] - values[i - 1]

@@ -34,7 +34,8 @@ class PolicySystem:
         memory = np.empty(3 * size + (ROWS + 1) * grid.pixels, np.int32)
         memory[: 3 * size] = 0
         self.up, self.down, self._owner = memory[: 3 * size].reshape(3, size)
-        self._chains = memory[3 * size : -grid.pixels].reshape(ROWS, grid.pixels)
+        # chain by chain, since few are open at a time: the rest of this memory is never touched
+        self._chains = memory[3 * size : -grid.pixels].reshape(grid.pixels, ROWS).T
         self._path = memory[-grid.pixels :]
         self._screening = screening
         self._factors = thomas_factors(grid.pixels, screening)
