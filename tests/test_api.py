@@ -142,7 +142,7 @@ def test_the_version_has_three_numbers() -> None:
         (torchlinf.scoring.find_masks, "(paths, *, members=None)"),
         (torchlinf.scoring.read_mask, f"(path, *, member=None, {READ})"),
         (torchlinf.scoring.score_masks, f"(sources, *, {READ}, workers=1, isolated=False)"),
-        (torchlinf.scoring.open_table, "(path, as_json=False, *, resume=False, retry=False)"),
+        (torchlinf.scoring.open_table, "(path, *, as_json=False, resume=False, retry=False)"),
         (torchlinf.scoring.read_table, "(path)"),
         (torchlinf.comparison.compare_scores, "(old, new, *, column='complexity', join='path')"),
         (torchlinf.regions.bounds_around, "(X, *, eps=1.0)"),

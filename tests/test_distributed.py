@@ -270,8 +270,9 @@ def test_the_command_on_ray_wants_a_folder_masks_and_a_cluster(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     run = CliRunner().invoke
-    result = run(app, ["score", str(tmp_path), "--ray", "local"])
-    assert (result.exit_code, "pass --out FOLDER" in result.stderr) == (2, True)
+    for out in ([], ["--out", "scores.csv"], ["--out", __file__]):
+        result = run(app, ["score", str(tmp_path), "--ray", "local", *out])
+        assert (result.exit_code, "writes a folder of Parquet files" in result.stderr) == (2, True)
     result = run(app, ["score", str(tmp_path), "--out", str(tmp_path / "out"), "--ray", "local"])
     assert (result.exit_code, "no masks found" in result.stderr) == (2, True)
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pyarrow.parquet
 import pytest
 
-from torchlinf._files import line_file, parquet
+from torchlinf._files import line_file
+from torchlinf._files.replace import replace_file
 from torchlinf._files.rows import csv_header, csv_line, json_line, parse
 from torchlinf._files.tables import JOURNAL
 from torchlinf.scoring import COLUMNS, NoTableError, Score, open_table, read_table
@@ -230,7 +231,7 @@ def test_a_run_that_ended_in_between_is_another_run(tmp_path: Path, monkeypatch:
     lock = fcntl.flock
 
     def late(file: object, how: int) -> None:
-        parquet.replace_file(path, lambda new: new.write_bytes(text("csv", ROWS[:2])))
+        replace_file(path, lambda new: new.write_bytes(text("csv", ROWS[:2])))
         lock(file, how)
 
     monkeypatch.setattr(fcntl, "flock", late)
@@ -269,3 +270,9 @@ def test_without_pyarrow_it_says_what_to_install(tmp_path: Path, monkeypatch: py
     assert os.listdir(tmp_path) == ["old.parquet"]
     with open_table(tmp_path / "table.csv") as put:  # nothing else needs it
         put(ROWS[0])
+
+
+def test_a_folder_without_tables_is_none(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("no table")
+    with pytest.raises(NoTableError, match=r"holds no \.csv"):
+        list(read_table(tmp_path))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torchlinf._kernels import has_compiler
 from torchlinf._parallel import for_each
 from torchlinf._profile import ComplexityProfile
-from torchlinf.complexity import at_scales, complexity_profile, scale_grid
+from torchlinf.complexity import complexity_profile, from_levels
 from torchlinf.entropy import EDGE_SLACK, check_estimator
 
 PART = 8  # shapes that a thread takes at a time: handing over one costs a tenth of solving a small one
@@ -58,14 +58,7 @@ def profile_crops(
     for_each(measure, ceil(count / PART))
     radius = torch.tensor([len(levels) for levels, _ in found], dtype=torch.int64)
     values = torch.from_numpy(np.concatenate([np.zeros(0), *(levels for levels, _ in found)]))
-    scales, slack = scale_grid(None)
-    return ComplexityProfile(
-        scales=scales,
-        values=at_scales(values, radius, scales - slack),
-        radius=radius,
-        error_bound=torch.tensor([bound for _, bound in found], dtype=torch.float64),
-        level_values=values,
-    )
+    return from_levels(values, radius, torch.tensor([bound for _, bound in found], dtype=torch.float64))
 
 
 def _by_tensors(mask: NDArray[np.bool_], estimator: str, bins: int, tol: float) -> Measured:

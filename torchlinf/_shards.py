@@ -18,6 +18,7 @@ from typing import Any
 
 from torchlinf._files import parquet
 from torchlinf._files.masks import MAX_PIXELS
+from torchlinf._files.replace import replace_file
 from torchlinf._files.rows import COLUMNS, Score
 from torchlinf._files.sources import Source, find_files, open_file
 from torchlinf.scoring import score_masks
@@ -139,7 +140,7 @@ def open_folder(out: Path, shards: Iterable[Shard], options: Options) -> None:
         def write(temporary: Path) -> None:
             temporary.write_text(text)
 
-        parquet.replace_file(settings, write)
+        replace_file(settings, write)
 
 
 def tidy(out: Path, shards: Iterable[Shard]) -> None:
@@ -235,4 +236,4 @@ def write_part(path: Path, rows: Iterable[Score]) -> None:
             while some := list(islice(remaining, parquet.ROWS)):
                 writer.write_table(parquet.table(some))
 
-    parquet.replace_file(path, write)
+    replace_file(path, write)

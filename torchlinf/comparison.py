@@ -13,7 +13,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf._files.parquet import replace_file
+from torchlinf._files.replace import replace_file
 from torchlinf._files.rows import Score
 from torchlinf._files.terminal import common_folder
 

@@ -136,6 +136,19 @@ def complexity(
     return profile.mean(low, high)
 
 
+def from_levels(found: Tensor, radius: Tensor, error_bound: Tensor) -> ComplexityProfile:
+    """Profile of N shapes on the default scales.
+
+    Args:
+        found: (sum of radius,) the values of the levels, shape by shape.
+        radius: (N,) int64.
+        error_bound: (N,) of the fields.
+    """
+    scales, slack = scale_grid(None)
+    values = at_scales(found, radius, scales - slack)
+    return ComplexityProfile(scales, values, radius, error_bound, found)
+
+
 def at_scales(found: Tensor, radius: Tensor, scales: Tensor) -> Tensor:
     """Look up level k = ceil(t D) of each shape for each scale t: (N, L), NaN where the radius is 0."""
     size = radius[:, None]  # (N, 1)

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from torchlinf._commands.inputs import find_sources
 from torchlinf._commands.options import Invert, MaxPixels, Paths, Threshold
-from torchlinf._commands.outputs import STATUS
+from torchlinf._commands.outputs import STATUS, fail
 from torchlinf._commands.pictures import check_picture, read_shape, require_matplotlib, save_picture, title
 from torchlinf.scoring import MAX_PIXELS, RULE, UnreadableMaskError
 
@@ -41,6 +41,9 @@ def profile(
         from torchlinf.plot import overview
 
         with Console(stderr=True).status(f"drawing {len(masks)} masks"):
-            save_picture(overview(masks), plot)
+            try:
+                save_picture(overview(masks), plot)
+            except RuntimeError as error:  # a field that does not converge
+                fail(str(error))
     if len(masks) < len(sources):
         raise typer.Exit(1)

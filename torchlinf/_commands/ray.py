@@ -21,7 +21,7 @@ def score_on_ray(
     out: Path | None,
     address: str,
     workers: int,
-    options: tuple[float | None, bool, int, str | None],
+    options: Options,
     progress: Progress,
 ) -> None:
     """Score masks into a folder of Parquet files; the arguments are those of the command.
@@ -30,8 +30,10 @@ def score_on_ray(
         typer.BadParameter: there is no folder to write to, or no mask.
         typer.Exit: some masks failed (1), or all had to end (2).
     """
-    if out is None:
-        raise typer.BadParameter("--ray writes a folder of Parquet files; pass --out FOLDER", param_hint="--out")
+    if out is None or out.suffix.lower() in (".csv", ".json", ".jsonl", ".parquet") or out.is_file():
+        raise typer.BadParameter(
+            f"--ray writes a folder of Parquet files; got {out}. Pass for example --out scores/", param_hint="--out"
+        )
     shards = find_shards(paths)
     if not shards:
         raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}")
@@ -39,7 +41,7 @@ def score_on_ray(
     parts: list[Part] = []
     try:
         with connected(address, workers=workers), progress(0, len(shards), True) as advance:
-            for part in score_shards(shards, out, **asdict(Options(*options))):
+            for part in score_shards(shards, out, **asdict(options)):
                 parts.append(part)
                 advance()
     except KeyboardInterrupt:

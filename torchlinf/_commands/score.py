@@ -50,10 +50,11 @@ def score(
     """
     if ray is not None:
         from torchlinf._commands.ray import score_on_ray
+        from torchlinf._shards import Options
 
         if as_json or overwrite or retry:
             raise typer.BadParameter("it always goes on in its folder, of Parquet files", param_hint="--ray")
-        score_on_ray(paths, out, ray, workers or _cores(), (threshold, invert, max_pixels, members), _progress)
+        score_on_ray(paths, out, ray, workers or _cores(), Options(threshold, invert, max_pixels, members), _progress)
         return
     check_out(out, as_json, overwrite, retry)
     workers = workers or _cores()
@@ -62,7 +63,7 @@ def score(
     with endings(out):
         sources = find_sources(paths, members)
         refuse_source(out, sources)
-        with open_table(out, as_json, resume=not overwrite, retry=retry) as put:
+        with open_table(out, as_json=as_json, resume=not overwrite, retry=retry) as put:
             new = [source for source in sources if source.name not in put.done]
             failed += sum(put.done.get(source.name) is not None for source in sources)
             if before := len(sources) - len(new):

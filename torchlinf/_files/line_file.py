@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
-from torchlinf._files.parquet import replace_file
+from torchlinf._files.replace import replace_file
 
 
 class LineFile:

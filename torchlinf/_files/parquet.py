@@ -1,13 +1,12 @@
 """Tables as Parquet files. Needs the extra `parquet` (pyarrow)."""
 
-import os
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
-from uuid import uuid4
 
+from torchlinf._files.replace import replace_file
 from torchlinf._files.rows import COLUMNS, KINDS, NoTableError, Score
 
 if TYPE_CHECKING:
@@ -84,20 +83,6 @@ def extend(path: Path, new: Iterable[Score], *, without: Container[str] = frozen
                 writer.write_table(table(part))
 
     replace_file(path, write)
-
-
-def replace_file(path: Path, write: Callable[[Path], None]) -> None:
-    """Have `write(temporary)` write a file, and give it its name when it is whole and on the disk."""
-    path = path.resolve()  # a link stays one
-    # Not the number of the process: on two machines that share the folder it may be the same.
-    temporary = path.with_name(f".{path.name}.{uuid4().hex}.tmp")
-    try:
-        write(temporary)
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _batches(path: Path, columns: list[str]) -> Iterator["pyarrow.RecordBatch"]:

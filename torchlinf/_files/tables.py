@@ -36,7 +36,7 @@ class Writer:
 
 @contextmanager
 def open_table(
-    path: str | os.PathLike[str] | None, as_json: bool = False, *, resume: bool = False, retry: bool = False
+    path: str | os.PathLike[str] | None, *, as_json: bool = False, resume: bool = False, retry: bool = False
 ) -> Iterator[Writer]:
     """Open what takes the rows: a file, standard output, or a terminal, which gets the table when all rows are there.
 
@@ -89,9 +89,11 @@ def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
     """
     path = Path(path)
     if path.is_dir():
-        for file in sorted(path.iterdir()):
-            if file.suffix.lower() in (".csv", ".jsonl", ".parquet"):
-                yield from read_table(file)
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() in (".csv", ".jsonl", ".parquet"))
+        if not files:
+            raise NoTableError("the folder holds no .csv, .jsonl or .parquet file")
+        for file in files:
+            yield from read_table(file)
     elif path.suffix.lower() == ".parquet":
         yield from parquet.rows(path)
     else:

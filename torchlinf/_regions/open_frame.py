@@ -18,7 +18,7 @@ from torch import Tensor
 from torchlinf._profile import ComplexityProfile
 from torchlinf._solver.problem import RESOLUTION, certify
 from torchlinf._stencil import residual
-from torchlinf.complexity import at_scales, complexity_profile, scale_grid
+from torchlinf.complexity import complexity_profile, from_levels
 from torchlinf.entropy import level_values
 from torchlinf.field import solve_field
 
@@ -47,14 +47,7 @@ def open_profile(mask: Tensor, *, bins: int = 1024, estimator: str = "entropy", 
     found = [_measure(shape, bins, estimator, tol) for shape in mask.cpu()]
     radius = torch.tensor([len(values) for values, _ in found], dtype=torch.int64)
     values = torch.cat([torch.zeros(0, dtype=torch.float64), *(values for values, _ in found)])
-    scales, slack = scale_grid(None)
-    return ComplexityProfile(
-        scales=scales,
-        values=at_scales(values, radius, scales - slack),
-        radius=radius,
-        error_bound=torch.tensor([bound for _, bound in found], dtype=torch.float64),
-        level_values=values,
-    )
+    return from_levels(values, radius, torch.tensor([bound for _, bound in found], dtype=torch.float64))
 
 
 def _measure(mask: Tensor, bins: int, estimator: str, tol: float) -> tuple[Tensor, float]:
