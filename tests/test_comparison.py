@@ -151,8 +151,14 @@ def test_the_status_says_whether_all_were_compared(tmp_path: Path) -> None:
     assert result.exit_code == 2
     assert "no mask of the two tables has the same path" in result.stderr
     assert "--join" in result.stderr
+    assert "old/a.png in old, new/a.png in new" in result.stderr
+    moved = write(tmp_path / "moved.csv", [Score("new/b.png", complexity=3.0)])
+    result = run(app, ["compare", old, moved, "--join", "folder"])
+    assert "the same path below its table's folder" in result.stderr
+    assert "Pass --join name or stem." in result.stderr  # not the one that was tried
     empty = write(tmp_path / "empty.csv", [])
-    assert run(app, ["compare", empty, empty]).exit_code == 2
+    result = run(app, ["compare", old, empty])
+    assert (result.exit_code, "empty.csv without a row" in result.stderr) == (2, True)
 
 
 def test_what_cannot_be_compared_is_explained(tmp_path: Path) -> None:
@@ -163,7 +169,7 @@ def test_what_cannot_be_compared_is_explained(tmp_path: Path) -> None:
         "notes.csv is no table of `torchlinf score`: its first line": [str(tmp_path / "notes.csv"), old],
         "'error' is not one of": [old, old, "--column", "error"],
         "is one of the tables": [old, old, "--out", old],
-        "cannot be written (No such file or directory)": [old, old, "--out", str(tmp_path / "no" / "out.csv")],
+        "does not exist; make it, or pass another": [old, old, "--out", str(tmp_path / "no" / "out.csv")],
         "more than once": [write(tmp_path / "twice.csv", [*rows(a=1.0), *rows(a=1.0)]), old],
     }
     for words, arguments in wrong.items():

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from torchlinf._commands.outputs import endings, fail, load_table
+from torchlinf._commands.outputs import endings, fail, folder_problem, load_table
 from torchlinf.comparison import COMPARED, Column, Comparison, Join, compare_scores, write_pairs
 
 EPILOG = "Exit status: 0 all masks are compared, 1 some are in one table only or failed, 2 nothing to compare."
@@ -27,14 +27,24 @@ def compare(
     ] = None,
 ) -> None:
     """Compare two tables of scores: old and new masks of one data set."""
+    if out is not None and (problem := folder_problem(out)):
+        raise typer.BadParameter(problem, param_hint="--out")
     if out is not None and any(out.exists() and table.exists() and out.samefile(table) for table in (old, new)):
         raise typer.BadParameter(f"{out} is one of the tables", param_hint="--out")
+    before, after = load_table(old), load_table(new)
+    if empty := [path for path, rows in ((old, before), (new, after)) if not rows]:
+        fail(f"{' and '.join(map(str, empty))} without a row: nothing to compare.")
     try:
-        found = compare_scores(load_table(old), load_table(new), column=column, join=join)
+        found = compare_scores(before, after, column=column, join=join)
     except ValueError as error:
         fail(f"{error}.")
     if not found.counts[COMPARED] and not any("failed" in status for status in found.counts):
-        fail(f"no mask of the two tables has the same {join}. Pass --join folder, name or stem.")
+        same = "path below its table's folder" if join == "folder" else join
+        others = [other for other in ("folder", "name", "stem") if other != join]
+        fail(
+            f"no mask of the two tables has the same {same}: {before[0].path} in old, {after[0].path} in new, for "
+            f"example. Pass --join {', '.join(others[:-1])} or {others[-1]}."
+        )
     _print(found, largest)
     if out is not None:
         with endings(out):
