@@ -43,6 +43,7 @@ def score_on_ray(
                 parts.append(part)
                 advance()
     except KeyboardInterrupt:
+        typer.echo("Stopped; the same command goes on with the parts that are missing.", err=True)
         raise typer.Exit(INTERRUPTED) from None
     except ConnectionError as error:
         _stop(f"Ray cannot be reached at {address} ({_first_line(error)}).")
@@ -51,6 +52,8 @@ def score_on_ray(
         _stop(f"The table cannot be written ({why}); it has {len(parts)} of {len(shards)} parts.")
     except (ImportError, ValueError) as error:
         _stop(_first_line(error))
+    if before := sum(part.seconds == 0.0 for part in parts):
+        typer.echo(f"{before} of {len(parts)} parts were in {out} already.", err=True)
     failed = sum(part.failed for part in parts)
     if failed:
         total = sum(part.masks for part in parts)
