@@ -3,6 +3,7 @@
 import csv
 import math
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from scipy.stats import spearmanr
 from typer.testing import CliRunner
 
 from torchlinf.cli import app
-from torchlinf.comparison import Comparison, Pair, compare_scores, write_pairs
+from torchlinf.comparison import Column, Comparison, Pair, compare_scores, write_pairs
 from torchlinf.scoring import Score, open_table
 
 run = CliRunner(env={"TERM": "dumb", "COLUMNS": "120"}).invoke
@@ -176,3 +177,9 @@ def test_what_cannot_be_compared_is_explained(tmp_path: Path) -> None:
         result = run(app, ["compare", *arguments])
         assert result.exit_code == 2, words
         assert words in " ".join(result.stderr.replace("│", " ").split()), result.stderr
+
+
+def test_the_help_spells_the_columns_out_at_80_columns() -> None:
+    result = CliRunner(env={"TERM": "dumb", "COLUMNS": "80"}).invoke(app, ["compare", "--help"])
+    words = result.stdout.replace(",", " ").replace(".", " ").split()
+    assert set(get_args(Column)) <= set(words)

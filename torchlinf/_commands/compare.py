@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from statistics import median
-from typing import Annotated
+from typing import Annotated, get_args
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -20,7 +20,9 @@ def compare(
     old: Annotated[Path, typer.Argument(metavar="OLD", help="A table of torchlinf score, or a folder of them.")],
     new: Annotated[Path, typer.Argument(metavar="NEW", help="Another, of other masks of the same things.")],
     join: Annotated[Join, typer.Option(help="Which rows are the same mask.")] = "path",
-    column: Annotated[Column, typer.Option(help="What to compare.")] = "complexity",
+    column: Annotated[
+        Column, typer.Option(metavar="NAME", help=f"What to compare: {', '.join(get_args(Column))}.")
+    ] = "complexity",
     largest: Annotated[int, typer.Option(min=0, metavar="N", help="How many of the largest changes to show.")] = 10,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write both numbers of every mask here, as CSV.")
