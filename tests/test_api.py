@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 import torch
@@ -199,3 +200,22 @@ def test_importing_the_package_imports_nothing_heavy_beside_torch() -> None:
     packages = {name.partition(".")[0] for name in out.split()}
     assert "torchlinf" in packages
     assert not packages & {"numba", "skimage", "scipy", "matplotlib", "typer", "rich", "PIL", "kornia", "torchmetrics"}
+
+
+def test_the_readme_runs_on_the_import_it_names() -> None:
+    # In a process of its own: here other tests have imported the modules that the README names as attributes.
+    code = "import doctest; print(doctest.testfile('README.md', module_relative=False, optionflags=doctest.ELLIPSIS))"
+    root = Path(torchlinf.__file__).parents[1]
+    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    assert "failed=0" in done.stdout, done.stdout
+
+
+def test_modules_come_with_the_package_and_at_first_use() -> None:
+    names = "comparison decompose distributed labels losses metrics order plot regions scoring transforms"
+    code = f"""
+import torchlinf
+for name in "{names}".split():
+    assert getattr(torchlinf, name).__name__ == f"torchlinf.{{name}}"
+assert not hasattr(torchlinf, "nonsense")
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

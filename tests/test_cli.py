@@ -115,7 +115,9 @@ def test_members_of_shards(masks: Path, tmp_path: Path) -> None:
     result = run(app, ["score", str(tmp_path / "*.tar"), "--members", "*.mask.png"])
     assert result.exit_code == 0
     assert [row["path"].rpartition(":")[2] for row in table(result.stdout)] == ["1.mask.png", "2.mask.png"]
-    assert "no masks found" in run(app, ["score", str(tmp_path / "*.tar"), "--members", "*.npy"]).stderr
+    stderr = run(app, ["score", str(tmp_path / "*.tar"), "--members", "*.npy"]).stderr
+    assert "no masks found" in stderr
+    assert "members that match *.npy" in " ".join(stderr.replace("│", " ").split())
 
 
 def test_what_fails_is_a_row_and_the_rest_go_on(bad: Path) -> None:
@@ -164,7 +166,8 @@ def test_wrong_usage(masks: Path, tmp_path: Path) -> None:
         "one of the files to score": ["score", str(masks / "d.txt"), "--out", str(tmp_path / "link" / "d.txt")],
         "Missing option '--plot'": ["profile", str(masks)],
         "no suffix of a picture": ["profile", str(masks), "--plot", str(tmp_path / "out.txt")],
-        "cannot be written to": ["profile", str(masks), "--plot", str(tmp_path / "no" / "out.png")],
+        "does not exist": ["profile", str(masks), "--plot", str(tmp_path / "no" / "out.png")],
+        "the name of a file": ["score", str(masks), "--out", str(masks)],
         "is one of the masks": ["profile", str(masks), "--plot", str(masks / "a.png")],
         "one picture holds 12": ["profile", *many, "--plot", str(tmp_path / "out.png")],
     }
@@ -176,13 +179,18 @@ def test_wrong_usage(masks: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.asarray(Image.open(masks / "a.png")) > 0, before)
 
 
-@pytest.mark.parametrize("out", ["/dev/full", "no/such/folder/scores.csv"])
-def test_a_table_that_cannot_be_written(out: str, masks: Path) -> None:
-    if out == "/dev/full" and not os.path.exists(out):
+def test_a_table_that_cannot_be_written(masks: Path) -> None:
+    if not os.path.exists("/dev/full"):
         pytest.skip("the system has no device that is always full")
-    result = run(app, ["score", str(masks), "--out", out])
+    result = run(app, ["score", str(masks), "--out", "/dev/full"])
     assert result.exit_code == 2
     assert "cannot be written" in result.stderr
+
+
+def test_a_missing_folder_is_named_before_the_work(masks: Path) -> None:
+    result = run(app, ["score", str(masks), "--out", "no/such/folder/scores.csv"])
+    assert result.exit_code == 2
+    assert "the folder no/such/folder does not exist; make it" in " ".join(result.stderr.replace("│", " ").split())
 
 
 def start(*arguments: str, **options: object) -> subprocess.Popen[str]:

@@ -4,6 +4,7 @@ import csv
 import math
 import os
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy.stats import spearmanr
 from typer.testing import CliRunner
 
 from torchlinf.cli import app
-from torchlinf.comparison import Comparison, Pair, compare_scores, write_pairs
+from torchlinf.comparison import Column, Comparison, Pair, compare_scores, write_pairs
 from torchlinf.scoring import Score, open_table
 
 run = CliRunner(env={"TERM": "dumb", "COLUMNS": "120"}).invoke
@@ -152,8 +153,14 @@ def test_the_status_says_whether_all_were_compared(tmp_path: Path) -> None:
     assert result.exit_code == 2
     assert "no mask of the two tables has the same path" in result.stderr
     assert "--join" in result.stderr
+    assert "old/a.png in old, new/a.png in new" in result.stderr
+    moved = write(tmp_path / "moved.csv", [Score("new/b.png", complexity=3.0)])
+    result = run(app, ["compare", old, moved, "--join", "folder"])
+    assert "the same path below its table's folder" in result.stderr
+    assert "Pass --join name or stem." in result.stderr  # not the one that was tried
     empty = write(tmp_path / "empty.csv", [])
-    assert run(app, ["compare", empty, empty]).exit_code == 2
+    result = run(app, ["compare", old, empty])
+    assert (result.exit_code, "empty.csv without a row" in result.stderr) == (2, True)
 
 
 def test_what_cannot_be_compared_is_explained(tmp_path: Path) -> None:
@@ -166,7 +173,7 @@ def test_what_cannot_be_compared_is_explained(tmp_path: Path) -> None:
         "is one of the tables": [old, old, "--out", old],
         "changes.parquet would hold CSV": [old, old, "--out", "changes.parquet"],
         "a.png would hold CSV": [old, old, "--out", "a.png"],
-        "cannot be written (No such file or directory)": [old, old, "--out", str(tmp_path / "no" / "out.csv")],
+        "does not exist; make it, or pass another": [old, old, "--out", str(tmp_path / "no" / "out.csv")],
         "more than once": [write(tmp_path / "twice.csv", [*rows(a=1.0), *rows(a=1.0)]), old],
     }
     for words, arguments in wrong.items():
@@ -186,3 +193,9 @@ def test_numbers_that_cannot_be_written_leave_what_was_there(tmp_path: Path, mon
     assert (result.exit_code, result.stderr) == (2, f"{out} cannot be written (No space left on device).\n")
     assert out.read_text() == "before\n"
     assert sorted(os.listdir(tmp_path)) == ["changes.csv", "old.csv"]
+
+
+def test_the_help_spells_the_columns_out_at_80_columns() -> None:
+    result = CliRunner(env={"TERM": "dumb", "COLUMNS": "80"}).invoke(app, ["compare", "--help"])
+    words = result.stdout.replace(",", " ").replace(".", " ").split()
+    assert set(get_args(Column)) <= set(words)

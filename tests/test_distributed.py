@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 import torchlinf
 from torchlinf.cli import app
-from torchlinf.distributed import ScoreMasks, connected, find_shards, score_shards
+from torchlinf.distributed import Part, ScoreMasks, connected, find_shards, score_shards
 from torchlinf.scoring import COLUMNS, Score, find_masks, read_table, score_masks
 
 # Ray's own settings trip over each other as soon as they are made.
@@ -290,11 +290,25 @@ def test_the_command_on_ray_wants_a_folder_masks_and_a_cluster(
     assert "Ray cannot be reached at auto (nobody answers)." in result.stderr
 
 
-def test_ctrl_c_on_ray_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, loud: None) -> None:
-    def interrupted(*_: object, **__: object) -> None:
+def test_the_command_on_ray_says_what_was_there_and_that_it_was_stopped(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, loud: None
+) -> None:
+    command = ["score", str(tar(tmp_path / "a.tar", 1)), "--out", str(tmp_path / "out"), "--ray", "local"]
+    monkeypatch.setattr("torchlinf._commands.ray.connected", lambda *_, **__: contextlib.nullcontext())
+
+    def two_parts(*_: object, **__: object) -> Iterator[Part]:
+        yield Part("a.parquet", masks=1, failed=0)
+        yield Part("b.parquet", masks=1, failed=0, seconds=0.5)
+
+    monkeypatch.setattr("torchlinf._commands.ray.score_shards", two_parts)
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0
+    assert "1 of 2 parts were in" in result.stderr
+
+    def stopped(*_: object, **__: object) -> Iterator[Part]:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ray.init", interrupted)
-    command = ["score", str(tar(tmp_path / "a.tar", 1)), "--out", str(tmp_path / "out"), "--ray", "local"]
+    monkeypatch.setattr("torchlinf._commands.ray.score_shards", stopped)
     result = CliRunner().invoke(app, command)
-    assert (result.exit_code, result.stderr) == (130, "Stopped; the same command goes on where this one was.\n")
+    assert result.exit_code == 130
+    assert "Stopped; the same command goes on" in result.stderr

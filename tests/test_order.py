@@ -159,6 +159,8 @@ def test_tau_of_shapes(profiles: dict[str, ComplexityProfile]) -> None:
 
 
 def test_bad_input_says_what_to_do(profiles: dict[str, ComplexityProfile]) -> None:
+    with pytest.raises(TypeError, match="must map names to profiles; got Tensor"):
+        dominance(torch.ones(1, 1, 3, 4))
     with pytest.raises(TypeError, match="must hold a ComplexityProfile for each shape; got float"):
         dominance({"square": 1.0})  # type: ignore[dict-item]
     with pytest.raises(ValueError, match="must be of one shape each; got 2"):

@@ -211,7 +211,7 @@ def test_wrong_usage(masks: Path, tmp_path: Path) -> None:
         "pairs LOW-HIGH": ["order", str(masks), "--windows", "0.5"],
         "got 0-0.5,x-1": ["order", str(masks), "--windows", "0-0.5,x-1"],
         "no suffix of a picture": ["order", str(masks), "--plot", str(tmp_path / "out.txt")],
-        "cannot be written to": ["order", str(masks), "--plot", str(tmp_path / "no" / "out.png")],
+        "does not exist": ["order", str(masks), "--plot", str(tmp_path / "no" / "out.png")],
         "is one of the masks": ["order", str(masks), "--plot", str(masks / "box.png")],
         "one picture holds 40": ["order", str(many), "--plot", str(tmp_path / "out.png")],
     }

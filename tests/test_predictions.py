@@ -115,6 +115,8 @@ def test_wrong_options(options: dict[str, Any], error: type[Exception], words: s
     [
         ({}, torch.zeros(2, 3), ValueError, 'Pass \\(B, C, \\*spatial\\), or input_format="index"'),
         ({}, torch.zeros(2, 4, 5, 6), ValueError, r"num_classes=3 channels; got \(2, 4, 5, 6\)"),
+        ({}, torch.zeros(2, 4, 5, 6), ValueError, r"\. Pass num_classes=4"),
+        ({}, torch.zeros(2, 5, 6, dtype=torch.long), ValueError, 'Pass input_format="index" for .* or num_classes=5'),
         ({}, torch.full((2, 3, 5, 6), torch.nan), ValueError, "no NaN"),
         ({}, torch.full((2, 3, 5, 6), 2), ValueError, "preds must hold only 0 and 1; got 2"),
         (

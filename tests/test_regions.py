@@ -280,6 +280,8 @@ def test_infinite_answers_are_answers() -> None:
         ({"bounds": [(0, 0), (0, 1)]}, ValueError, "finite pairs with low < high"),
         ({"bounds": [(0, 1)] * 5}, ValueError, "use decision_plane"),
         ({"bounds": []}, ValueError, "1 to 4 features"),
+        ({"bounds": (-2, 2)}, TypeError, r"one \(low, high\) for each feature; got \(-2, 2\)"),
+        ({"bounds": None}, TypeError, "for each feature; got None"),
         ({"resolution": (3, 4, 5)}, ValueError, "one for each of the 2 features; got 3"),
         ({"resolution": 1}, ValueError, "resolution must be 2 or more"),
         ({"classifier": 3}, TypeError, "classifier must be a torch.nn.Module, a scikit-learn estimator or a callable"),

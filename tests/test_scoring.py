@@ -186,3 +186,9 @@ def test_real_silhouettes() -> None:
     assert all(row.error is None and row.error_bound <= 1e-9 for row in rows.values())
     assert rows["bat-10"].complexity == pytest.approx(5.26800, abs=5e-6)
     assert rows["bat-20"].complexity == pytest.approx(5.61955, abs=5e-6)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_paths_are_no_sources(workers: int) -> None:
+    with pytest.raises(TypeError, match=r"got 'a\.png'\. Pass find_masks\(paths\)"):
+        list(score_masks(["a.png"], workers=workers))

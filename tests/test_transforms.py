@@ -143,8 +143,8 @@ def _without_image(sample: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("mask", "error", "words"),
     [
-        (torch.full((4, 5), 0.5), ValueError, "Pass threshold=0.5"),
-        (torch.full((4, 5), torch.nan), ValueError, "without NaN"),
+        (torch.full((4, 5), 0.5), ValueError, r"got 0\.5\. Pass threshold=0.5"),
+        (torch.full((4, 5), torch.nan), ValueError, r"got NaN\. Replace it"),
         (torch.ones(5), ValueError, r"at least spatial_ndim=2 dimensions.*got \(5,\)"),
         (torch.ones(0, 5), ValueError, "size 1 or more"),
         (np.full((4, 5), "a"), TypeError, "bool, integer or real"),

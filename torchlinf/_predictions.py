@@ -88,9 +88,12 @@ class Predictions:
 
     def _check_channels(self, x: Tensor, name: str) -> None:
         if x.shape[1] != self.num_classes:
+            # Integers without a dimension for channels are labels, to all appearance.
+            labels = name == "preds" and x.ndim == 3 and not x.is_floating_point()
+            remedy = 'input_format="index" for (B, *spatial) labels, or ' if labels else ""
             raise ValueError(
                 f"{name} must have num_classes={self.num_classes} channels; got {tuple(x.shape)}. "
-                f"Pass num_classes={x.shape[1]}."
+                f"Pass {remedy}num_classes={x.shape[1]}."
             )
 
 

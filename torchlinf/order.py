@@ -58,6 +58,9 @@ def dominance(
     """
     import networkx as nx
 
+    if not isinstance(profiles, Mapping):
+        got = type(profiles).__name__
+        raise TypeError(f"profiles must map names to profiles; got {got}. Pass {{'a': complexity_profile(mask), ...}}.")
     for name, profile in profiles.items():
         require_one_shape(name, profile)
     solved = list(profiles.values())

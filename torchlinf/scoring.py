@@ -117,6 +117,8 @@ def score_source(
     source: Source, *, threshold: float | None = None, invert: bool = False, max_pixels: int = MAX_PIXELS
 ) -> Score:
     """Score one mask; whatever is wrong with it is the row's `error`. Arguments as in `score_masks`."""
+    if not isinstance(source, Source):
+        raise TypeError(f"sources must be what find_masks found; got {source!r}. Pass find_masks(paths).")
     start, row = time.perf_counter(), Score(source.name)
     try:
         inside = read_source(source, threshold=threshold, invert=invert, max_pixels=max_pixels)

@@ -106,10 +106,11 @@ class ShapeComplexityScore:
         inside: NDArray[np.bool_] = mask != 0 if self.threshold is None else mask > self.threshold
         if mask.dtype.kind != "f":
             return inside
-        if bool(np.isnan(mask).any()) or (self.threshold is None and not bool((mask[inside] == 1).all())):
+        nan = bool(np.isnan(mask).any())
+        if nan or (self.threshold is None and not bool((mask[inside] == 1).all())):
+            got = "NaN. Replace it" if nan else f"{mask[inside & (mask != 1)][0]}. Pass threshold=0.5"
             raise ValueError(
-                "mask of floating point must hold only 0 and 1, or numbers without NaN beside a threshold; got others. "
-                "Pass threshold=0.5."
+                f"mask of floating point must hold only 0 and 1, or numbers without NaN beside a threshold; got {got}."
             )
         return inside
 

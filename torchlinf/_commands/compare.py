@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from statistics import median
-from typing import Annotated
+from typing import Annotated, get_args
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from torchlinf._commands.outputs import fail, load_table
+from torchlinf._commands.outputs import fail, folder_problem, load_table
 from torchlinf._files.readers import SUFFIXES
 from torchlinf.comparison import COMPARED, Column, Comparison, Join, compare_scores, write_pairs
 
@@ -21,23 +21,35 @@ def compare(
     old: Annotated[Path, typer.Argument(metavar="OLD", help="A table of torchlinf score, or a folder of them.")],
     new: Annotated[Path, typer.Argument(metavar="NEW", help="Another, of other masks of the same things.")],
     join: Annotated[Join, typer.Option(help="Which rows are the same mask.")] = "path",
-    column: Annotated[Column, typer.Option(help="What to compare.")] = "complexity",
+    column: Annotated[
+        Column, typer.Option(metavar="NAME", help=f"What to compare: {', '.join(get_args(Column))}.")
+    ] = "complexity",
     largest: Annotated[int, typer.Option(min=0, metavar="N", help="How many of the largest changes to show.")] = 10,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write both numbers of every mask here, as CSV.")
     ] = None,
 ) -> None:
     """Compare two tables of scores: old and new masks of one data set."""
+    if out is not None and (problem := folder_problem(out)):
+        raise typer.BadParameter(problem, param_hint="--out")
     if out is not None and any(out.exists() and table.exists() and out.samefile(table) for table in (old, new)):
         raise typer.BadParameter(f"{out} is one of the tables", param_hint="--out")
     if out is not None and out.suffix.lower() in (*SUFFIXES, ".tar", ".json", ".jsonl", ".parquet"):
         raise typer.BadParameter(f"{out} would hold CSV; pass for example changes.csv", param_hint="--out")
+    before, after = load_table(old), load_table(new)
+    if empty := [path for path, rows in ((old, before), (new, after)) if not rows]:
+        fail(f"{' and '.join(map(str, empty))} without a row: nothing to compare.")
     try:
-        found = compare_scores(load_table(old), load_table(new), column=column, join=join)
+        found = compare_scores(before, after, column=column, join=join)
     except ValueError as error:
         fail(f"{error}.")
     if not found.counts[COMPARED] and not any("failed" in status for status in found.counts):
-        fail(f"no mask of the two tables has the same {join}. Pass --join folder, name or stem.")
+        same = "path below its table's folder" if join == "folder" else join
+        others = [other for other in ("folder", "name", "stem") if other != join]
+        fail(
+            f"no mask of the two tables has the same {same}: {before[0].path} in old, {after[0].path} in new, for "
+            f"example. Pass --join {', '.join(others[:-1])} or {others[-1]}."
+        )
     _print(found, largest)
     if out is not None:
         try:

@@ -18,6 +18,8 @@ def find_sources(paths: list[Path], members: str | None = None) -> list[Source]:
     except ImportError as error:
         fail(str(error))
     if not sources:
-        known = " ".join((*SUFFIXES, ".tar"))
-        raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}; looked for {known}")
+        known = f"looked for {' '.join((*SUFFIXES, '.tar'))}"
+        if members is not None:
+            known += f", in archives for members that match {members} as a whole"
+        raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}; {known}")
     return sources

@@ -1,5 +1,6 @@
 """The tables that a command reads and writes: what is refused, before the work if it can be, and in which words."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -61,10 +62,21 @@ def load_table(path: Path) -> list[Score]:
         fail(str(error))
 
 
+def folder_problem(out: Path) -> str | None:
+    """Why no file of this name can be written, as far as its folder says it."""
+    if out.is_dir():
+        return f"{out} is a folder; pass the name of a file"
+    if out.exists():
+        return None
+    if not out.parent.is_dir():
+        return f"the folder {out.parent} does not exist; make it, or pass another"
+    return None if os.access(out.parent, os.W_OK) else f"the folder {out.parent} cannot be written to"
+
+
 def check_out(out: Path | None, as_json: bool, overwrite: bool, retry: bool) -> None:
     """Refuse names and options that contradict each other."""
     suffix = "" if out is None else out.suffix.lower()
-    problem = None
+    problem = None if out is None else folder_problem(out)
     if suffix in (*SUFFIXES, ".tar"):
         problem = f"{out} has the name of a mask; pass for example scores.csv"
     elif suffix == ".json" and not as_json:

@@ -1,6 +1,5 @@
 """What the commands that write a picture share: its name, the names in it, and the masks."""
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,7 +7,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from torchlinf._commands.outputs import fail
+from torchlinf._commands.outputs import fail, folder_problem
 from torchlinf.scoring import Source, UnreadableMaskError, read_source
 
 if TYPE_CHECKING:
@@ -31,10 +30,10 @@ def check_picture(picture: Path, sources: list[Source], most: int) -> None:
     problem = None
     if picture.suffix[1:].lower() not in FigureCanvasBase.get_supported_filetypes():
         problem = f"{picture} has no suffix of a picture; pass for example profiles.png"
-    elif not os.access(picture.parent, os.W_OK):
-        problem = f"the folder {picture.parent} cannot be written to"
     elif picture.exists() and any(source.path.exists() and picture.samefile(source.path) for source in sources):
         problem = f"{picture} is one of the masks"
+    else:
+        problem = folder_problem(picture)
     if problem:
         raise typer.BadParameter(problem, param_hint="--plot")
     if len(sources) > most:

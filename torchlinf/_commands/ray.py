@@ -45,7 +45,7 @@ def score_on_ray(
                 parts.append(part)
                 advance()
     except KeyboardInterrupt:
-        typer.echo("Stopped; the same command goes on where this one was.", err=True)
+        typer.echo("Stopped; the same command goes on with the parts that are missing.", err=True)
         raise typer.Exit(INTERRUPTED) from None
     except ConnectionError as error:
         fail(f"Ray cannot be reached at {address} ({_first_line(error)}).")
@@ -54,6 +54,8 @@ def score_on_ray(
         fail(f"The table cannot be written ({why}); it has {len(parts)} of {len(shards)} parts.")
     except (ImportError, ValueError) as error:
         fail(_first_line(error))
+    if before := sum(part.seconds == 0.0 for part in parts):
+        typer.echo(f"{before} of {len(parts)} parts were in {out} already.", err=True)
     failed = sum(part.failed for part in parts)
     if failed:
         total = sum(part.masks for part in parts)

@@ -185,7 +185,13 @@ def _longest_first(points: Tensor) -> tuple[int, int, int]:
 
 
 def _check_bounds(bounds: Bounds) -> list[tuple[float, float]]:
-    ends = [tuple(float(end) for end in pair) for pair in bounds]
+    try:
+        ends = [tuple(float(end) for end in pair) for pair in bounds]
+    except TypeError:
+        raise TypeError(
+            f"bounds must be one (low, high) for each feature; got {bounds!r}. "
+            "Pass bounds_around(X), or [(-1.0, 1.0)] * 2, say."
+        ) from None
     if not 1 <= len(ends) <= MAX_SPATIAL_NDIM:
         raise ValueError(
             f"bounds must be one (low, high) for each of 1 to {MAX_SPATIAL_NDIM} features; got {len(ends)}. "
