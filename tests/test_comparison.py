@@ -75,6 +75,7 @@ PATHS = {  # old, new, and which joins find that they are the same two masks
     ("/old/x/a.png", "/old/y/b.png"): [("new/x/a.png", "new/y/b.png"), {"folder", "name", "stem"}],
     ("old/a.png", "old/b.1.png"): [("new/a.npy", "new/b.1.npy"), {"stem"}],
     ("s/1.tar:x/a.png", "s/2.tar:x/b.png"): [("t/3.TAR:y/a.png", "t/3.TAR:y/b.png"), {"name", "stem"}],
+    ("old/a.png", "old/b.png"): [("s/1.tar:x/a.mask.png", "s/1.tar:x/b.mask.png"), {"stem"}],
     ("old.json:17", "old.json:18"): [("in/new.json:17", "in/new.json:18"), {"name", "stem"}],
     ("old/12:30.png", "old/12:31.png"): [("new/13:30.png", "new/13:31.png"), set()],
 }

@@ -307,6 +307,14 @@ def test_bad_masks_are_refused(function: object) -> None:
             function(mask)  # type: ignore[operator]
 
 
+@pytest.mark.parametrize(
+    ("mask", "got"), [(torch.ones(1, 1, 3, 4).to_sparse(), "layout"), (torch.ones(1, 1, 3, 4, device="meta"), "meta")]
+)
+def test_masks_without_dense_data_are_refused(mask: torch.Tensor, got: str) -> None:
+    with pytest.raises(TypeError, match=rf"mask must be a dense tensor with data; got .*{got}"):
+        solve_field(mask)
+
+
 def test_every_status_has_advice() -> None:
     assert [status.name for status in Status] == ["CONVERGED", "MAX_SWEEPS", "EMPTY", "NONFINITE"]
     assert len({status.advice for status in Status}) == 4

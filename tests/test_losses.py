@@ -251,6 +251,11 @@ def test_one_and_three_dimensions() -> None:
     assert bool((slope[0, 0, :, top][cube[0, 0, :, top] > 0] > 0).all())
 
 
+def test_softmax_of_one_channel_is_refused() -> None:
+    with pytest.raises(ValueError, match='Pass "sigmoid"'):
+        ShapeComplexityLoss(activation="softmax")(torch.zeros(2, 1, 5, 6))
+
+
 def test_nan_stays_visible() -> None:
     probability = batch()
     probability[0, 1, 3, 3] = torch.nan

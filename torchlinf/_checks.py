@@ -32,6 +32,9 @@ def as_mask(mask: Tensor, spatial_ndim: int | None = None, name: str = "mask") -
     if not isinstance(mask, Tensor):
         remedy = "Pass torch.from_numpy(array)." if type(mask).__module__ == "numpy" else "Pass torch.as_tensor(...)."
         raise TypeError(f"{name} must be a torch.Tensor; got {type(mask).__name__}. {remedy}")
+    if mask.layout != torch.strided or mask.is_meta:
+        got = "a meta tensor" if mask.is_meta else f"layout {mask.layout}"
+        raise TypeError(f"{name} must be a dense tensor with data; got {got}. Pass {name}.to_dense() of a sparse one.")
     plain(mask, name)
     if mask.is_complex():
         raise TypeError(f"{name} must be bool, integer or real; got {mask.dtype}. Pass {name} != 0.")

@@ -111,7 +111,8 @@ def compare_scores(
         column: what to compare.
         join: which rows are the same mask: those with the same "path"; with the same path below the folder that all
             masks of their own table share ("folder"); with the same "name", which is the file's, or the member's in an
-            archive and the id in a COCO file; with the same name without its suffix ("stem").
+            archive and the id in a COCO file; with the same name without its suffix ("stem"),
+            which in a tar archive begins at the first dot, as in WebDataset's layout.
 
     Returns:
         The masks of both tables, side by side.
@@ -180,8 +181,13 @@ def _key(path: str, join: str, folder: str) -> str:
         return path
     if join == "folder":
         return os.path.relpath(path, folder) if folder else path
-    name = PurePath(re.split(r"\.(?:tar|npz|json):", path, flags=re.IGNORECASE)[-1])
-    return name.name if join == "name" else name.stem
+    *archive, member = re.split(r"\.(tar|npz|json):", path, flags=re.IGNORECASE)
+    name = PurePath(member)
+    if join == "name":
+        return name.name
+    # In WebDataset's layout the parts of a sample share what stands before the first dot: a.jpg, a.mask.png.
+    in_tar = bool(archive) and archive[-1].lower() == "tar"
+    return name.name.split(".")[0] or name.stem if in_tar else name.stem
 
 
 def _ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -115,7 +115,8 @@ def complexity(
 
     Returns:
         Tensor of the leading shape, (B, C) by default. NaN for an empty shape; exactly 0.0 for a full mask and for any
-        axis-aligned box. Not differentiable.
+        axis-aligned box. Not differentiable, and detached from what the mask was made of: for a gradient use
+        `soft_complexity` or `losses.ShapeComplexityLoss`.
 
     Raises:
         TypeError: an argument is of the wrong type.

@@ -116,6 +116,10 @@ class ShapeComplexityLoss(nn.Module):
     def forward(self, input: Tensor, target: Tensor | None = None, mask: Tensor | None = None) -> Tensor:
         """The loss of a batch; see the class."""
         _check_input(input, target)
+        if self.activation is ACTIVATIONS["softmax"] and input.shape[1] == 1:
+            raise ValueError(
+                'activation="softmax" needs 2 channels or more; got 1, of which every probability is 1. Pass "sigmoid".'
+            )
         probability = input if self.activation is None else self.activation(input)
         if probability.dtype in (torch.float16, torch.bfloat16):
             probability = probability.float()
@@ -132,7 +136,10 @@ class ShapeComplexityLoss(nn.Module):
 
     def extra_repr(self) -> str:
         """The options, for print."""
-        return f"low={self.low}, high={self.high}, reduction={self.reduction!r}, max_moves={self.max_moves}"
+        return (
+            f"low={self.low}, high={self.high}, reduction={self.reduction!r}, max_moves={self.max_moves}, "
+            f"deformations={self.deformations}"
+        )
 
     def _complexity(self, probability: Tensor, mask: Tensor | None) -> Tensor:
         """(B, C): the hard values, with the gradient of the moves."""

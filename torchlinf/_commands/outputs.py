@@ -81,8 +81,8 @@ def check_out(out: Path | None, as_json: bool, overwrite: bool, retry: bool) -> 
         problem = f"{out} has the name of a mask; pass for example scores.csv"
     elif suffix == ".json" and not as_json:
         problem = f"{out} would hold CSV; pass for example scores.jsonl"
-    elif suffix == ".parquet" and as_json:
-        problem = f"{out} has the name of a Parquet file; leave --json out"
+    elif suffix in (".csv", ".parquet") and as_json:
+        problem = f"{out} has not the name of JSON lines; leave --json out, or pass for example scores.jsonl"
     elif overwrite and retry:
         problem = "--retry keeps what --overwrite drops; pass one of them"
     elif out is None and (overwrite or retry):

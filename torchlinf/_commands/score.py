@@ -74,7 +74,7 @@ def score(
                     failed += row.error is not None
                     advance()
     if failed:
-        advice = "" if out is None else " --retry scores them again."
+        advice = "" if out is None or retry else " --retry scores them again."
         typer.echo(f"{failed} of {len(sources)} masks failed; the column 'error' says why.{advice}", err=True)
         raise typer.Exit(1)
 
