@@ -86,7 +86,7 @@ joined = {
     "square with appendages": masks["square with appendages"],
     "floor plan with an obstacle": shapes.rooms(2, 2, side=64, wall=2, aperture=16, obstacle=(16, 2)),
 }
-fig, axes = plt.subplots(1, 2, figsize=(10, 5), layout="constrained")
+fig, axes = plt.subplots(1, 2, figsize=(10, 5.8), layout="constrained")
 for ax, (name, mask) in zip(axes, joined.items(), strict=True):
     draw_parts(ax, name, mask, decompose.parts(mask, spatial_ndim=2))
 plt.show()
@@ -113,7 +113,7 @@ plt.show()
 # doorways, but along curved borders, which leave no box, so that the mean is lower and the sum is not.
 
 rooms = joined["floor plan with an obstacle"]
-fig, axes = plt.subplots(1, 2, figsize=(10, 4.6), layout="constrained")
+fig, axes = plt.subplots(1, 2, figsize=(10, 5.2), layout="constrained")
 for ax, (name, mask, price) in zip(axes, [("floor plan", rooms, 0.0), ("horse", horse, 0.02)], strict=True):
     found = decompose.parts(mask, total="mean", price=price, candidates="watershed", spatial_ndim=2)
     draw_parts(ax, f"{name}, watersheds of f", mask, found, "mean")
