@@ -194,8 +194,7 @@ class Field:
         done, before = 0, self.num_sweeps
         while (done < count or self.num_sweeps - before < WORK) and self.num_sweeps + 3 <= self.limit:
             activity.select(SETTLED * self.residual)
-            burst = max(BURST, int(activity.share * (count - done)))
-            burst = min(burst, int((self.limit - self.num_sweeps - 2) / activity.share))
+            burst = min(BURST, int((self.limit - self.num_sweeps - 2) / activity.share))
             sweeps.sweep(v, activity.starts, activity.ends, rows, self.shape.screening, burst, self.buffer)
             done += burst
             self.num_sweeps += burst * activity.share
