@@ -30,12 +30,8 @@ def compare(
     ] = None,
 ) -> None:
     """Compare two tables of scores: old and new masks of one data set."""
-    if out is not None and (problem := folder_problem(out)):
+    if out is not None and (problem := _problem(out, (old, new))):
         raise typer.BadParameter(problem, param_hint="--out")
-    if out is not None and any(out.exists() and table.exists() and out.samefile(table) for table in (old, new)):
-        raise typer.BadParameter(f"{out} is one of the tables", param_hint="--out")
-    if out is not None and out.suffix.lower() in (*SUFFIXES, ".tar", ".json", ".jsonl", ".parquet"):
-        raise typer.BadParameter(f"{out} would hold CSV; pass for example changes.csv", param_hint="--out")
     before, after = load_table(old), load_table(new)
     if empty := [path for path, rows in ((old, before), (new, after)) if not rows]:
         fail(f"{' and '.join(map(str, empty))} without a row: nothing to compare.")
@@ -58,6 +54,17 @@ def compare(
             fail(f"{out} cannot be written ({error.strerror or error}).")
     if found.counts[COMPARED] < len(found.pairs):
         raise typer.Exit(1)
+
+
+def _problem(out: Path, tables: tuple[Path, Path]) -> str | None:
+    """Why the changes cannot, or should not, be written to a file."""
+    if problem := folder_problem(out):
+        return problem
+    if any(out.exists() and table.exists() and out.samefile(table) for table in tables):
+        return f"{out} is one of the tables"
+    if out.suffix.lower() in (*SUFFIXES, ".tar", ".json", ".jsonl", ".parquet"):
+        return f"{out} would hold CSV; pass for example changes.csv"
+    return None
 
 
 def _print(found: Comparison, largest: int) -> None:

@@ -50,6 +50,13 @@ def fail(message: str) -> NoReturn:
     raise typer.Exit(WRONG) from None
 
 
+def end_if_failed(failed: int, total: int, advice: str = "") -> None:
+    """End the command with status 1 if there are masks whose rows say why they have no numbers."""
+    if failed:
+        typer.echo(f"{failed} of {total} masks failed; the column 'error' says why.{advice}", err=True)
+        raise typer.Exit(1)
+
+
 def load_table(path: Path) -> list[Score]:
     """Read a table, or end the command with the reason why it is none."""
     try:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import typer
 
-from torchlinf._commands.outputs import INTERRUPTED, fail
+from torchlinf._commands.outputs import INTERRUPTED, end_if_failed, fail
 from torchlinf._shards import Options, Part, find_shards
 from torchlinf.distributed import connected, score_shards
 
@@ -56,11 +56,7 @@ def score_on_ray(
         fail(_first_line(error))
     if before := sum(part.seconds == 0.0 for part in parts):
         typer.echo(f"{before} of {len(parts)} parts were in {out} already.", err=True)
-    failed = sum(part.failed for part in parts)
-    if failed:
-        total = sum(part.masks for part in parts)
-        typer.echo(f"{failed} of {total} masks failed; the column 'error' says why.", err=True)
-        raise typer.Exit(1)
+    end_if_failed(sum(part.failed for part in parts), sum(part.masks for part in parts))
 
 
 def _first_line(error: Exception) -> str:

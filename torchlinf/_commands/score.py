@@ -23,7 +23,7 @@ from torchlinf._commands.options import (
     Threshold,
     Workers,
 )  # fmt: skip
-from torchlinf._commands.outputs import STATUS, check_out, endings, refuse_source
+from torchlinf._commands.outputs import STATUS, check_out, end_if_failed, endings, refuse_source
 from torchlinf.scoring import COLUMNS, MAX_PIXELS, RULE, open_table, score_masks
 
 EPILOG = f"{RULE}\n\nColumns: {', '.join(COLUMNS)}.\n\n{STATUS}"
@@ -73,10 +73,7 @@ def score(
                     put(row)
                     failed += row.error is not None
                     advance()
-    if failed:
-        advice = "" if out is None or retry else " --retry scores them again."
-        typer.echo(f"{failed} of {len(sources)} masks failed; the column 'error' says why.{advice}", err=True)
-        raise typer.Exit(1)
+    end_if_failed(failed, len(sources), "" if out is None or retry else " --retry scores them again.")
 
 
 def _cores() -> int:
