@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from torchlinf._kernels import activity, grid
-from torchlinf._kernels.activity import Activity
+from torchlinf.kernels import activity, grid
+from torchlinf.kernels.activity import Activity
 
 SIDES = {1: (83,), 2: (21, 75), 3: (11, 13, 70), 4: (4, 9, 10, 35)}
 

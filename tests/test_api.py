@@ -12,14 +12,14 @@ import pytest
 import torch
 
 import torchlinf
-import torchlinf.comparison
 import torchlinf.decompose
-import torchlinf.distributed
 import torchlinf.labels
 import torchlinf.metrics
 import torchlinf.order
 import torchlinf.regions
 import torchlinf.scoring
+import torchlinf.scoring.compare
+import torchlinf.scoring.distributed
 import torchlinf.transforms
 from torchlinf import shapes
 
@@ -152,15 +152,15 @@ def test_the_version_has_three_numbers() -> None:
             "(mask, *, price=0.0, total='sum', candidates='openings', low=0.0, high=1.0, tol=1e-09, spatial_ndim=None)",
         ),
         (
-            torchlinf.distributed.ScoreMasks,
+            torchlinf.scoring.distributed.ScoreMasks,
             "(column, *, name='path', threshold=None, invert=False, max_pixels=67108864, spatial_ndim=2)",
         ),
-        (torchlinf.distributed.find_shards, "(paths, *, files=1000)"),
+        (torchlinf.scoring.distributed.find_shards, "(paths, *, files=1000)"),
         (
-            torchlinf.distributed.score_shards,
+            torchlinf.scoring.distributed.score_shards,
             "(shards, out, *, threshold=None, invert=False, max_pixels=67108864, members=None, **map_options)",
         ),
-        (torchlinf.distributed.connected, "(address='local', *, workers=None)"),
+        (torchlinf.scoring.distributed.connected, "(address='local', *, workers=None)"),
         (
             torchlinf.labels.complexity_table,
             "(label_map, *, windows=None, properties=(), intensity_image=None, spacing=None, bins=1024, "
@@ -176,7 +176,7 @@ def test_the_fields_of_the_results() -> None:
     names = [field.name for field in dataclasses.fields(torchlinf.FieldSolution)]
     assert names == ["value", "error_bound", "num_sweeps", "num_solves", "status"]
     names = [field.name for field in dataclasses.fields(torchlinf.ComplexityProfile)]
-    assert names == ["scales", "values", "radius", "error_bound", "level_values"]
+    assert names == ["scales", "values", "radius", "field_error_bound", "level_values", "measure"]
 
 
 def test_results_cannot_be_changed_and_compare_by_identity() -> None:

@@ -9,8 +9,8 @@ import pytest
 from pycocotools import mask as coco
 from skimage.draw import polygon2mask
 
-from torchlinf._files.coco import Outline, draw
 from torchlinf.scoring import UnreadableMaskError, find_masks, read_source, score_masks
+from torchlinf.scoring.coco import Outline, draw
 
 HEIGHT, WIDTH = 40, 70
 

@@ -12,8 +12,8 @@ from scipy.stats import spearmanr
 from typer.testing import CliRunner
 
 from torchlinf.cli import app
-from torchlinf.comparison import Column, Comparison, Pair, compare_scores, write_pairs
 from torchlinf.scoring import Score, open_table
+from torchlinf.scoring.compare import Column, Comparison, Pair, compare_scores, write_pairs
 
 run = CliRunner(env={"TERM": "dumb", "COLUMNS": "120"}).invoke
 

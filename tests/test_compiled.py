@@ -6,9 +6,9 @@ import torch
 from scipy import ndimage
 
 from torchlinf import Status, chessboard_distance, complexity_profile, shapes, solve_field
-from torchlinf._kernels import chains, components, grid, krylov, thomas
-from torchlinf._kernels.distance import chessboard_of
-from torchlinf._solver import compiled
+from torchlinf.field import policy_iteration
+from torchlinf.kernels import chains, components, grid, krylov, thomas
+from torchlinf.kernels.distance import chessboard_of
 
 SIDES = {1: (37,), 2: (17, 26), 3: (7, 10, 8), 4: (4, 6, 5, 5)}
 
@@ -23,10 +23,10 @@ def random_masks(ndim: int, count: int, seed: int) -> torch.Tensor:
 
 @pytest.mark.parametrize("ndim", [1, 2, 3, 4])
 @pytest.mark.parametrize("rho", [None, 0.5, 7.0, 1e4])
-@pytest.mark.parametrize("large", [compiled.LARGE, 1])
+@pytest.mark.parametrize("large", [policy_iteration.LARGE, 1])
 def test_agrees_with_the_torch_path(ndim: int, rho: float | None, large: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """By sweeps of the whole shape, and of active tiles alone."""
-    monkeypatch.setattr(compiled, "LARGE", large)
+    monkeypatch.setattr(policy_iteration, "LARGE", large)
     masks = random_masks(ndim, 12, seed=ndim)
     found = solve_field(masks, rho=rho, method="compiled", spatial_ndim=ndim)
     reference = solve_field(masks, rho=rho, tol=1e-11, method="accelerated", spatial_ndim=ndim)

@@ -165,7 +165,7 @@ def test_results_come_in_the_dtype_asked_for(dtype: torch.dtype) -> None:
     mask = random_masks(32, 1, 2, 20, 23)
     exact, found = complexity_profile(mask), complexity_profile(mask, dtype=dtype)
     # The bound keeps its own dtype: in float16 it would claim an exact field.
-    assert torch.equal(found.error_bound, exact.error_bound)
+    assert torch.equal(found.field_error_bound, exact.field_error_bound)
     assert found.radius.dtype == torch.int64
     # Computed in float64 and rounded once, at the end.
     assert torch.equal(found.values, exact.values.to(dtype))
@@ -246,7 +246,7 @@ def test_the_peak_is_the_first_of_the_largest_levels() -> None:
 
 def test_the_error_bound_is_that_of_the_field() -> None:
     masks = random_masks(41, 2, 2, 16, 19)
-    found = complexity_profile(masks, tol=1e-6).error_bound
+    found = complexity_profile(masks, tol=1e-6).field_error_bound
     assert torch.equal(found, torchlinf.solve_field(masks, tol=1e-6).error_bound)
     assert (found <= 1e-6).all()
 

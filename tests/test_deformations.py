@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 import torchlinf
-from torchlinf import _moves, shapes
-from torchlinf._deformations import correct, deformed
-from torchlinf.losses import ShapeComplexityLoss
+from torchlinf import shapes
+from torchlinf.losses import ShapeComplexityLoss, region_flips
+from torchlinf.losses.deformations import correct, deformed
 
 SCALE, STRETCH, SHEAR, ROTATION, FOURTH = range(5)
 BACK, FORTH = 0, 3
@@ -117,15 +117,15 @@ def blobs(*size: int) -> Tensor:
 def test_the_corrected_density_commutes_with_flips_and_axis_swaps(size: tuple[int, ...]) -> None:
     probability = blobs(*size)
     options = {"threshold": 0.5, "low": 0.0, "high": 1.0, "max_moves": 4, "deformations": True}
-    _, density = _moves.move_gradient(probability, **options)
+    _, density = region_flips.move_gradient(probability, **options)
     if len(size) > 1:
-        plain = _moves.move_gradient(probability, **{**options, "deformations": False})[1]
+        plain = region_flips.move_gradient(probability, **{**options, "deformations": False})[1]
         assert not torch.allclose(density, plain)
     dims = range(1, len(size) + 1)
     for flips in itertools.chain.from_iterable(itertools.combinations(dims, r) for r in dims):
-        mirrored = _moves.move_gradient(probability.flip(flips), **options)[1]
+        mirrored = region_flips.move_gradient(probability.flip(flips), **options)[1]
         torch.testing.assert_close(mirrored.flip(flips), density)
-    swapped = _moves.move_gradient(probability.transpose(1, -1), **options)[1]
+    swapped = region_flips.move_gradient(probability.transpose(1, -1), **options)[1]
     torch.testing.assert_close(swapped.transpose(1, -1), density)
 
 

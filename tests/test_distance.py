@@ -7,7 +7,7 @@ import torch
 from scipy.ndimage import distance_transform_cdt
 
 from torchlinf import chessboard_distance
-from torchlinf.distance import eroded_distance
+from torchlinf.field.distance import eroded_distance
 
 
 def scipy_distance(mask: np.ndarray) -> np.ndarray:

@@ -20,8 +20,8 @@ from typer.testing import CliRunner
 
 import torchlinf
 from torchlinf.cli import app
-from torchlinf.distributed import Part, ScoreMasks, connected, find_shards, score_shards
 from torchlinf.scoring import COLUMNS, Score, find_masks, read_table, score_masks
+from torchlinf.scoring.distributed import Part, ScoreMasks, connected, find_shards, score_shards
 
 # Ray's own settings trip over each other as soon as they are made.
 pytestmark = pytest.mark.filterwarnings("ignore:`use_:DeprecationWarning:ray.data.context")
@@ -294,13 +294,13 @@ def test_the_command_on_ray_says_what_was_there_and_that_it_was_stopped(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, loud: None
 ) -> None:
     command = ["score", str(tar(tmp_path / "a.tar", 1)), "--out", str(tmp_path / "out"), "--ray", "local"]
-    monkeypatch.setattr("torchlinf._commands.ray.connected", lambda *_, **__: contextlib.nullcontext())
+    monkeypatch.setattr("torchlinf.cli.score_on_ray.connected", lambda *_, **__: contextlib.nullcontext())
 
     def two_parts(*_: object, **__: object) -> Iterator[Part]:
         yield Part("a.parquet", masks=1, failed=0)
         yield Part("b.parquet", masks=1, failed=0, seconds=0.5)
 
-    monkeypatch.setattr("torchlinf._commands.ray.score_shards", two_parts)
+    monkeypatch.setattr("torchlinf.cli.score_on_ray.score_shards", two_parts)
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 0
     assert "1 of 2 parts were in" in result.stderr
@@ -308,7 +308,7 @@ def test_the_command_on_ray_says_what_was_there_and_that_it_was_stopped(
     def stopped(*_: object, **__: object) -> Iterator[Part]:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("torchlinf._commands.ray.score_shards", stopped)
+    monkeypatch.setattr("torchlinf.cli.score_on_ray.score_shards", stopped)
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 130
     assert "Stopped; the same command goes on" in result.stderr

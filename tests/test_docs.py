@@ -7,7 +7,7 @@ import pytest
 import typer
 
 import torchlinf
-from torchlinf._solver import METHODS
+from torchlinf.field.methods import METHODS
 from torchlinf.scoring import COLUMNS, MAX_PIXELS
 
 ROOT = Path(__file__).parents[1]

@@ -7,16 +7,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf.entropy import (
-    ESTIMATORS,
-    MAX_BINS,
-    check_estimator,
-    first_level,
-    level_entropy,
-    level_std,
-    level_values,
-    segment_sum,
-)
+from torchlinf.measure import Measure
+from torchlinf.measure import options as measure_options
+from torchlinf.measure.entropy import ESTIMATORS, level_entropy, level_std, segment_sum
+from torchlinf.measure.levels import first_level, level_values
+from torchlinf.measure.options import MAX_BINS
 
 both = pytest.mark.parametrize("estimate", [level_entropy, level_std])
 Estimate = Callable[[Tensor, Tensor, int, int], Tensor]
@@ -205,10 +200,8 @@ def test_a_field_that_is_not_finite_is_an_error(bad: float) -> None:
 )
 def test_unusable_options_are_named(estimator: str, bins: int, error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
-        check_estimator(estimator, bins)
-    with pytest.raises(error, match=message):
-        level_values(torch.ones(1, 1), torch.ones(1, 1), torch.ones(1), estimator=estimator, bins=bins)
+        Measure(estimator=estimator, bins=bins)
 
 
 def test_the_table_of_estimators_is_the_public_one() -> None:
-    assert list(ESTIMATORS) == ["entropy", "std"]
+    assert tuple(ESTIMATORS) == measure_options.ESTIMATORS

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torchlinf import Status, chessboard_distance, linf_field, solve_field
-from torchlinf._kernels import has_compiler
+from torchlinf.kernels import has_compiler
 
 EVERY_METHOD = [
     "monotone",

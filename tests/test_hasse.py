@@ -17,7 +17,7 @@ from problems import random_order
 
 from torchlinf import ComplexityProfile, complexity_profile, plot, shapes
 from torchlinf.order import dominance, hasse_diagram, longest_chain
-from torchlinf.plot import _several
+from torchlinf.plot import overviews
 
 FACES = [shapes.Appendage(face, 8, 8) for face in ("right", "top", "left")]
 MASKS = {
@@ -126,7 +126,7 @@ def shaken(profile: ComplexityProfile, share: float, error: float) -> Complexity
     return replace(
         profile,
         level_values=profile.level_values + share,
-        error_bound=torch.full_like(profile.error_bound, error),
+        field_error_bound=torch.full_like(profile.field_error_bound, error),
     )
 
 
@@ -136,7 +136,7 @@ def test_equal_within_the_certified_error_is_one_node(
 ) -> None:
     disc, square = (complexity_profile(mask, spatial_ndim=2) for mask in (shapes.disc(9), shapes.square(9)))
     solved = {"disc": shaken(disc, 0.0, error), "twin": shaken(disc, 1e-10, error), "square": square}
-    monkeypatch.setattr(_several, "solve_all", lambda masks: {name: solved[name] for name in masks})
+    monkeypatch.setattr(overviews, "solve_all", lambda masks: {name: solved[name] for name in masks})
     ax = plot.hasse({"disc": shapes.disc(9), "twin": shapes.disc(9), "square": shapes.square(9)})
     assert len(ax.patches) == frames
     # The three are one above another unless two of them share a node.

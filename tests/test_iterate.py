@@ -8,22 +8,23 @@ import pytest
 import torch
 from torch import Tensor
 
-from torchlinf._solver.accelerated import Accelerated
-from torchlinf._solver.iterate import Method, iterate
-from torchlinf._solver.layout import Layout, System
-from torchlinf._solver.monotone import Monotone
-from torchlinf._solver.problem import RESOLUTION, Problem, Solved, certify
-from torchlinf._solver.start import square_profile, start
-from torchlinf._solver.status import Status
-from torchlinf._stencil import block_max, block_min, residual
 from torchlinf.field import pose
+from torchlinf.field.accelerated_value_iteration import Accelerated
+from torchlinf.field.certificate import RESOLUTION, certify
+from torchlinf.field.iterate import Method, iterate
+from torchlinf.field.layout import Layout, System
+from torchlinf.field.problem import Problem
+from torchlinf.field.solution import FieldSolution, Status
+from torchlinf.field.start import square_profile, start
+from torchlinf.field.stencil import block_max, block_min, residual
+from torchlinf.field.value_iteration import Monotone
 
 
 def posed(masks: Tensor, rho: float | None = None) -> Problem:
     return pose(masks, rho, (len(masks),))
 
 
-def same(one: Solved, other: Solved) -> bool:
+def same(one: FieldSolution, other: FieldSolution) -> bool:
     return all(torch.equal(getattr(one, name), getattr(other, name)) for name in one.__dataclass_fields__)
 
 
@@ -119,7 +120,7 @@ def test_groups_do_not_matter(kind: type[Method], monkeypatch: pytest.MonkeyPatc
     problem = posed(problems.random_batch(23, 9, (14, 19)))
     solved = []
     for pixels in (1, 1000, 1 << 30):
-        monkeypatch.setattr(import_module("torchlinf._solver.iterate"), "GROUP_PIXELS", pixels)
+        monkeypatch.setattr(import_module("torchlinf.field.iterate"), "GROUP_PIXELS", pixels)
         solved.append(iterate(kind, problem, 1e-9, None))
     assert same(solved[0], solved[1])
     assert same(solved[0], solved[2])

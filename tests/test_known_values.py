@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from torchlinf import ComplexityProfile, complexity_profile
-from torchlinf._solver import METHODS
+from torchlinf.field.methods import METHODS
 from torchlinf.shapes import Appendage, box, cube_with_appendages, disc, square, with_appendages
 
 LADDER = [Appendage("right", 96, 48), Appendage("top", 64, 48), Appendage("left", 32, 48)]

@@ -8,9 +8,8 @@ from problems import catalogue
 from skimage.measure import regionprops_table
 
 import torchlinf
-from torchlinf import _crops
-from torchlinf._crops import profile_crops
 from torchlinf.labels import LARGEST, complexity_table
+from torchlinf.measure import Measure, levels, ragged_profile
 
 
 def label_map(sizes: tuple[int, ...] = (60, 83), seed: int = 3) -> NDArray[np.int64]:
@@ -176,18 +175,18 @@ def test_properties_of_lines_are_refused() -> None:
 def test_profiles_of_shapes_of_different_sizes() -> None:
     masks = list(catalogue().values())
     for estimator in ("entropy", "std"):
-        found = profile_crops(masks.__getitem__, len(masks), estimator=estimator)
+        found = ragged_profile(masks.__getitem__, len(masks), Measure(estimator=estimator))
         for i, mask in enumerate(masks):
             expected = torchlinf.complexity_profile(torch.from_numpy(mask), estimator=estimator, spatial_ndim=2)
             torch.testing.assert_close(found.values[i], expected.values, rtol=0, atol=1e-9, equal_nan=True)
             torch.testing.assert_close(found.levels()[i], expected.levels(), rtol=0, atol=1e-9)
             assert found.radius[i] == expected.radius
-    assert profile_crops(masks.__getitem__, 0).mean().shape == (0,)
+    assert ragged_profile(masks.__getitem__, 0, Measure()).mean().shape == (0,)
 
 
-def test_what_the_kernels_do_not_certify_goes_the_common_way(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler_objects_are_solved_in_torch_operations(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = complexity_table(label_map())
-    monkeypatch.setattr(_crops, "_by_kernels", lambda *_: None)
+    monkeypatch.setattr(levels, "has_compiler", lambda: False)
     table = complexity_table(label_map())
     np.testing.assert_allclose(table["complexity"], expected["complexity"], rtol=0, atol=1e-9)
     np.testing.assert_array_equal(table["radius"], expected["radius"])

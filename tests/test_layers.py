@@ -9,7 +9,7 @@ import pytest
 from problems import random_order
 
 from torchlinf.order import hasse_diagram
-from torchlinf.plot._layers import Bend, crossings, layers
+from torchlinf.plot.layers import Bend, crossings, layers
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -8,7 +8,8 @@ from torch import Tensor
 
 import torchlinf
 from torchlinf import shapes
-from torchlinf.losses import WORST, ShapeComplexityLoss
+from torchlinf.losses import ShapeComplexityLoss
+from torchlinf.losses.shape_loss import WORST
 
 
 def bumpy(margin: int = 4) -> Tensor:

@@ -9,7 +9,8 @@ from scipy import ndimage
 from torch import Tensor
 
 import torchlinf
-from torchlinf import _moves, shapes
+from torchlinf import shapes
+from torchlinf.losses import region_flips
 
 
 def random_shapes(*size: int, seed: int = 0) -> Tensor:
@@ -34,7 +35,7 @@ def test_opening_and_closing_agree_with_scipy(size: tuple[int, ...], side: int) 
     for sides in {(side,) * len(size), (side, *[1] * (len(size) - 1))}:
         box = np.ones(sides)
         for shape, opened, closed in zip(
-            inside, _moves.opened(inside, sides), _moves.closed(inside, sides), strict=True
+            inside, region_flips.opened(inside, sides), region_flips.closed(inside, sides), strict=True
         ):
             around = np.pad(shape.numpy(), 2 * side)
             middle = (slice(2 * side, -2 * side),) * len(size)
@@ -43,13 +44,13 @@ def test_opening_and_closing_agree_with_scipy(size: tuple[int, ...], side: int) 
 
 
 def test_a_box_larger_than_the_array_opens_to_nothing() -> None:
-    assert not _moves.opened(torch.ones(1, 3, 9, dtype=torch.bool), (4, 4)).any()
+    assert not region_flips.opened(torch.ones(1, 3, 9, dtype=torch.bool), (4, 4)).any()
 
 
 @pytest.mark.parametrize("size", [(17,), (12, 19), (6, 5, 7)])
 def test_a_move_lies_on_one_side_only_unless_it_is_a_doubt(size: tuple[int, ...]) -> None:
     inside = (random_shapes(*size) > 0.5).double()
-    for shape, moves in zip(inside, _moves.candidates(inside, 0.5), strict=True):
+    for shape, moves in zip(inside, region_flips.candidates(inside, 0.5), strict=True):
         assert len(moves) > 3
         for move in moves:
             assert len(set(shape.view(-1)[torch.from_numpy(move)].tolist())) == 1
@@ -59,7 +60,7 @@ def test_a_move_lies_on_one_side_only_unless_it_is_a_doubt(size: tuple[int, ...]
 def test_the_moves_of_an_appendage() -> None:
     # 8 x 11 body at rows 2-9, columns 2-12, with a 3 x 2 appendage below, at columns 6-8.
     shape = shapes.with_appendages((8, 11), [shapes.Appendage("bottom", 3, 2)], margin=2)
-    moves = {tuple(np.sort(move)) for move in _moves.candidates(shape[None].double(), 0.5)[0]}
+    moves = {tuple(np.sort(move)) for move in region_flips.candidates(shape[None].double(), 0.5)[0]}
     at = torch.arange(shape.numel()).reshape(shape.shape)
     assert tuple(at[10:12, 6:9].flatten().tolist()) in moves  # what a 4-square cannot reach
     assert tuple(at[2, 2:13].tolist()) in moves  # the whole top row
@@ -73,7 +74,7 @@ def test_a_grey_region_is_a_move_of_its_own() -> None:
     probability[:, 4:16, 4:16] = 1.0
     probability[:, 4:16, 16:20] = 0.6  # inside, in doubt
     probability[:, 6:14, 1:4] = 0.4  # outside, in doubt
-    moves = {tuple(np.sort(move)) for move in _moves.candidates(probability, 0.5)[0]}
+    moves = {tuple(np.sort(move)) for move in region_flips.candidates(probability, 0.5)[0]}
     at = torch.arange(20 * 24).reshape(20, 24)
     assert tuple(at[4:16, 16:20].flatten().tolist()) in moves
     assert tuple(at[6:14, 1:4].flatten().tolist()) in moves
@@ -81,8 +82,8 @@ def test_a_grey_region_is_a_move_of_its_own() -> None:
 
 def test_differences_are_exact() -> None:
     inside = random_shapes(14, 17) > 0.5
-    moves = [found[:5] for found in _moves.candidates(inside.double(), 0.5)]
-    value, difference = _moves.differences(inside, moves, 0.1, 0.8)
+    moves = [found[:5] for found in region_flips.candidates(inside.double(), 0.5)]
+    value, difference = region_flips.differences(inside, moves, 0.1, 0.8)
     for n, shape in enumerate(inside):
         before = torchlinf.complexity(shape, low=0.1, high=0.8, spatial_ndim=2)
         assert value[n] == before
@@ -93,9 +94,9 @@ def test_differences_are_exact() -> None:
 
 def test_differences_do_not_depend_on_how_solves_are_grouped(monkeypatch: pytest.MonkeyPatch) -> None:
     probability = random_shapes(14, 17)
-    expected = _moves.move_gradient(probability, threshold=0.5, low=0.0, high=1.0, max_moves=7)
-    monkeypatch.setattr(_moves, "SOLVE_PIXELS", 3 * 14 * 17)
-    found = _moves.move_gradient(probability, threshold=0.5, low=0.0, high=1.0, max_moves=7)
+    expected = region_flips.move_gradient(probability, threshold=0.5, low=0.0, high=1.0, max_moves=7)
+    monkeypatch.setattr(region_flips, "SOLVE_PIXELS", 3 * 14 * 17)
+    found = region_flips.move_gradient(probability, threshold=0.5, low=0.0, high=1.0, max_moves=7)
     assert all(torch.equal(a, b) for a, b in zip(found, expected, strict=True))
 
 
@@ -104,7 +105,7 @@ def test_the_density_of_one_move_adds_up_to_its_difference() -> None:
     move = torch.zeros_like(shape)
     move[7:11, 18:21] = True
     assert bool(shape[move].all())
-    [[difference]] = _moves.differences(shape[None], [[move.flatten().nonzero()[:, 0].numpy()]], 0.0, 1.0)[1]
+    [[difference]] = region_flips.differences(shape[None], [[move.flatten().nonzero()[:, 0].numpy()]], 0.0, 1.0)[1]
     body = torchlinf.complexity(shape, spatial_ndim=2)
     assert float(body) > 0.1
     assert difference == pytest.approx(-float(body))  # what is left is a box
@@ -116,7 +117,7 @@ def test_octaves_of_size_take_turns_and_ties_stay_together() -> None:
     of_sizes.append(np.array([3, 2, 1]))  # the first of size 3 again
 
     def sizes(max_moves: int) -> list[int]:
-        return [len(move) for move in _moves.select(inside, [of_sizes], max_moves)[0]]
+        return [len(move) for move in region_flips.select(inside, [of_sizes], max_moves)[0]]
 
     assert sizes(9) == [12, 7, 3, 3, 1, 2, 2]  # not the one of 13: it leaves less than half
     assert sizes(6) == sizes(5) == [12, 7, 3, 3, 1]
@@ -127,8 +128,8 @@ def test_octaves_of_size_take_turns_and_ties_stay_together() -> None:
 
 def test_a_large_opening_leads_from_a_disc_to_a_square() -> None:
     disc = shapes.disc(24, margin=4)
-    moves = _moves.select(disc[None], _moves.candidates(disc[None].double(), 0.5), 16)
-    difference = _moves.differences(disc[None], moves, 0.0, 1.0)[1][0]
+    moves = region_flips.select(disc[None], region_flips.candidates(disc[None].double(), 0.5), 16)
+    difference = region_flips.differences(disc[None], moves, 0.0, 1.0)[1][0]
     assert difference.min() < -1.0
     assert len(moves[0][difference.argmin()]) > 400
 
@@ -137,20 +138,20 @@ def test_a_large_opening_leads_from_a_disc_to_a_square() -> None:
 def test_the_density_commutes_with_flips_and_axis_swaps(size: tuple[int, ...]) -> None:
     probability = random_shapes(*size, seed=4).double()
     options = {"threshold": 0.5, "low": 0.0, "high": 1.0, "max_moves": 9}
-    value, density = _moves.move_gradient(probability, **options)
+    value, density = region_flips.move_gradient(probability, **options)
     assert density.abs().max() > 0
     dims = range(1, len(size) + 1)
     for flips in itertools.chain.from_iterable(itertools.combinations(dims, r) for r in dims):
-        mirrored_value, mirrored = _moves.move_gradient(probability.flip(flips), **options)
+        mirrored_value, mirrored = region_flips.move_gradient(probability.flip(flips), **options)
         torch.testing.assert_close(mirrored_value, value)
         torch.testing.assert_close(mirrored.flip(flips), density)
-    swapped = _moves.move_gradient(probability.transpose(1, -1), **options)[1]
+    swapped = region_flips.move_gradient(probability.transpose(1, -1), **options)[1]
     torch.testing.assert_close(swapped.transpose(1, -1), density)
 
 
 def test_an_empty_and_a_full_shape_have_no_gradient_towards_empty() -> None:
     probability = torch.stack([torch.zeros(9, 12), torch.ones(9, 12)])
-    value, density = _moves.move_gradient(probability, threshold=0.5, low=0.0, high=1.0, max_moves=16)
+    value, density = region_flips.move_gradient(probability, threshold=0.5, low=0.0, high=1.0, max_moves=16)
     assert value.isnan().tolist() == [True, False]
     assert value[1] == 0
     assert not density[0].any()
@@ -159,7 +160,7 @@ def test_an_empty_and_a_full_shape_have_no_gradient_towards_empty() -> None:
 
 @pytest.mark.parametrize("threshold", [0.2, 0.5, 0.8])
 def test_the_levels_of_doubt_surround_the_threshold(threshold: float) -> None:
-    lower, upper = (_moves._shifted(threshold, level) for level in _moves.DOUBT)
+    lower, upper = (region_flips._shifted(threshold, level) for level in region_flips.DOUBT)
     assert 0 < lower < threshold < upper < 1
     if threshold == 0.5:
-        assert (lower, upper) == pytest.approx(_moves.DOUBT)
+        assert (lower, upper) == pytest.approx(region_flips.DOUBT)

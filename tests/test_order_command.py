@@ -17,8 +17,7 @@ from torch import Tensor
 from typer.testing import CliRunner
 
 from torchlinf import ComplexityProfile, complexity, complexity_profile, shapes
-from torchlinf._commands import order
-from torchlinf.cli import app
+from torchlinf.cli import app, order
 
 run = CliRunner(env={"TERM": "dumb", "COLUMNS": "200"}).invoke
 
@@ -123,14 +122,14 @@ def test_what_fails_is_named_and_the_rest_go_on(masks: Path, tmp_path: Path) -> 
 
 
 def test_a_field_that_cannot_be_solved_stops_nothing(masks: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = order.profile_crops
+    real = order.ragged_profile
 
     def stubborn(crop, count):  # type: ignore[no-untyped-def]
         if crop(0).sum() == 1000:
             raise RuntimeError("did not converge")
         return real(crop, count)
 
-    monkeypatch.setattr(order, "profile_crops", stubborn)
+    monkeypatch.setattr(order, "ragged_profile", stubborn)
     result = run(app, ["order", str(masks)])
     assert result.exit_code == 1
     assert "box.png: RuntimeError: did not converge" in result.stderr
@@ -142,15 +141,17 @@ def test_equal_within_the_certified_error_counts_as_equal(
     error: float, equal: str, masks: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every profile is moved by another multiple of 1e-10, which is within the first error and beyond the second."""
-    real, moved = order.profile_crops, []
+    real, moved = order.ragged_profile, []
 
     def shaken(crop, count) -> ComplexityProfile:  # type: ignore[no-untyped-def]
         profile = real(crop, count)
         moved.append(len(moved) * 1e-10)
         values = profile.level_values + moved[-1]
-        return replace(profile, level_values=values, error_bound=torch.full_like(profile.error_bound, error))
+        return replace(
+            profile, level_values=values, field_error_bound=torch.full_like(profile.field_error_bound, error)
+        )
 
-    monkeypatch.setattr(order, "profile_crops", shaken)
+    monkeypatch.setattr(order, "ragged_profile", shaken)
     rows = table(run(app, ["order", str(masks)]).stdout)
     assert len(set(moved)) == len(MASKS)
     assert rows["disc"]["equal"] == equal

@@ -4,7 +4,7 @@ import networkx as nx
 import pytest
 
 from torchlinf import complexity_profile, shapes
-from torchlinf._commands.order_table import order_rows, print_order, summary
+from torchlinf.cli.order_table import order_rows, print_order, summary
 from torchlinf.order import dominance
 
 MASKS = {

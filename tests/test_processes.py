@@ -136,7 +136,7 @@ import gc, torch, torchlinf
 gc.freeze() if {frozen} else None
 gc.enable() if {enabled} else gc.disable()
 before = sum(one["collections"] for one in gc.get_stats())
-import torchlinf._kernels._compile, sys
+import torchlinf.kernels._compile, sys
 print(sum(one["collections"] for one in gc.get_stats()) - before < 5)  # else some 200, with their own cost each
 print(gc.isenabled(), gc.get_freeze_count() > 0, "numba.np.arraymath" in sys.modules)
 """

@@ -7,8 +7,8 @@ import pytest
 import tifffile
 from PIL import Image
 
-from torchlinf._files.readers import Values
 from torchlinf.scoring import UnreadableMaskError, inside_above, read_mask
+from torchlinf.scoring.readers import Values
 
 # H != W, not symmetric, with a hole and a second component.
 MASK = np.zeros((21, 34), dtype=bool)

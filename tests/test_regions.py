@@ -18,8 +18,8 @@ from torch import Tensor, nn
 import torchlinf
 from tests.problems import Pixel, catalogue, random_mask
 from torchlinf import regions
-from torchlinf._regions.open_frame import open_profile
 from torchlinf.regions import decision_plane, decision_plane_complexity, decision_region_complexity
+from torchlinf.regions.open_boundary import open_profile
 
 BOUNDS = [(-2.0, 2.5), (-1.0, 1.5)]
 X, Y = make_moons(60, noise=0.3, random_state=0)
@@ -67,7 +67,7 @@ def test_open_frames_follow_the_definition(name: str) -> None:
     for mask in (OPEN[name], ~OPEN[name]):
         profile = open_profile(torch.from_numpy(mask)[None])
         np.testing.assert_allclose(profile.levels()[0], naive_open_levels(mask), rtol=0, atol=1e-9)
-        assert profile.error_bound <= 1e-9
+        assert profile.field_error_bound <= 1e-9
 
 
 @pytest.mark.parametrize("sizes", [(17,), (11, 8), (6, 5, 7), (4, 3, 5, 4)])

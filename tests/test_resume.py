@@ -8,11 +8,10 @@ from pathlib import Path
 import pyarrow.parquet
 import pytest
 
-from torchlinf._files import line_file
-from torchlinf._files.replace import replace_file
-from torchlinf._files.rows import csv_header, csv_line, json_line, parse
-from torchlinf._files.tables import JOURNAL
-from torchlinf.scoring import COLUMNS, NoTableError, Score, open_table, read_table
+from torchlinf.scoring import COLUMNS, NoTableError, Score, line_file, open_table, read_table
+from torchlinf.scoring.atomic_write import replace_file
+from torchlinf.scoring.rows import csv_header, csv_line, json_line, parse
+from torchlinf.scoring.tables import JOURNAL
 
 ROWS = [
     Score("plain.png", 9, 13, None, 100, 4, 1, 2.5, 3.5, 1.5, 4.25, 0.1, 1e-12, 0.125),

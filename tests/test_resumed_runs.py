@@ -16,9 +16,9 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from torchlinf import scoring
-from torchlinf._files.tables import JOURNAL
 from torchlinf.cli import app
 from torchlinf.scoring import Score, open_table, read_table
+from torchlinf.scoring.tables import JOURNAL
 
 run = CliRunner(env={"TERM": "dumb", "COLUMNS": "200"}).invoke
 

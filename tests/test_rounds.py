@@ -5,12 +5,11 @@ import torch
 from torch import Tensor
 
 from torchlinf import shapes, solve_field
-from torchlinf._solver import rounds
-from torchlinf._solver.accelerated import Accelerated
-from torchlinf._solver.layout import Layout, System, fused_sweep
-from torchlinf._solver.monotone import Monotone
-from torchlinf._solver.start import start
-from torchlinf.field import pose
+from torchlinf.field import cuda_graphs, pose
+from torchlinf.field.accelerated_value_iteration import Accelerated
+from torchlinf.field.layout import Layout, System, fused_sweep
+from torchlinf.field.start import start
+from torchlinf.field.value_iteration import Monotone
 
 
 def method_of(kind: type, masks: Tensor) -> Accelerated | Monotone:
@@ -42,7 +41,7 @@ def test_a_round_leaves_every_buffer_in_its_place(kind: type) -> None:
     method = method_of(kind, masks())
     before = addresses(method)
     for _ in range(3):
-        rounds.Rounds(method)._steps()
+        cuda_graphs.Rounds(method)._steps()
         assert addresses(method) == before
     method.fall_back(torch.tensor([True, False]), method.system.layout.rows(method.line).clone())
     assert addresses(method) == before
@@ -58,10 +57,10 @@ def test_replayed_rounds_give_the_same_values(kind: type, monkeypatch: pytest.Mo
         steps()  # type: ignore[operator]
         return steps
 
-    monkeypatch.setattr(rounds, "captured", captured)
-    monkeypatch.setattr(rounds, "uses_graphs", lambda line: True)
+    monkeypatch.setattr(cuda_graphs, "captured", captured)
+    monkeypatch.setattr(cuda_graphs, "uses_graphs", lambda line: True)
     plain, replayed = method_of(kind, masks()), method_of(kind, masks())
-    taken = rounds.Rounds(replayed).run(53)
+    taken = cuda_graphs.Rounds(replayed).run(53)
     assert taken == 53 - 53 % plain.step_sweeps
     for _ in range(taken // plain.step_sweeps):
         plain.step()

@@ -15,8 +15,8 @@ from PIL import Image
 
 import torchlinf
 from torchlinf import scoring, shapes
-from torchlinf._files.rows import csv_line
 from torchlinf.scoring import Score, Source, find_masks, score_mask, score_masks
+from torchlinf.scoring.rows import csv_line
 
 
 def save(path: Path, mask: np.ndarray) -> Path:

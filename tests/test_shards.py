@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from torchlinf import _shards as shards
-from torchlinf._shards import LOST, Options, Part, find_shards, open_folder, read_part, score_shard, tidy
-from torchlinf.scoring import Score, find_masks, read_table, score_masks
+from torchlinf.scoring import Score, find_masks, read_table, score_masks, shards
+from torchlinf.scoring.shards import LOST, Options, Part, find_shards, open_folder, read_part, score_shard, tidy
 
 DEFAULTS = Options()
 

@@ -10,22 +10,16 @@ from torch import Tensor
 from torch.autograd import gradcheck
 
 import torchlinf
-from torchlinf import (
-    _erosions,
-    _soft,
-    _soft_complexity,
-    shapes,
-    soft_chessboard_distance,
-    soft_complexity,
-    soft_linf_field,
-)
-from torchlinf._solver import graded, transposed
+from torchlinf import shapes, soft_chessboard_distance, soft_complexity, soft_linf_field
+from torchlinf.field import adjoint, erosions, weighted
+from torchlinf.field import soft as soft_field
+from torchlinf.measure import soft as soft_measure
 
 
 @pytest.fixture(params=["compiled", "torch"])
 def path(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     if request.param == "torch":
-        for module in (_erosions, graded, transposed):
+        for module in (erosions, weighted, adjoint):
             monkeypatch.setattr(module, "usable", lambda x: False)
     return request.param
 
@@ -238,7 +232,7 @@ def test_the_paths_agree(monkeypatch: pytest.MonkeyPatch) -> None:
         return value.detach(), torch.autograd.grad(value.sum(), leaf)[0]
 
     compiled = result()
-    for module in (_erosions, graded, transposed):
+    for module in (erosions, weighted, adjoint):
         monkeypatch.setattr(module, "usable", lambda x: False)
     torch.testing.assert_close(result(), compiled, rtol=1e-6, atol=1e-7)
 
@@ -278,7 +272,7 @@ def test_memory_of_the_distance_does_not_grow_with_the_radius(path: str, monkeyp
 
 def test_reversed_iterates_are_all_of_them() -> None:
     for count in range(30):
-        assert list(_erosions._reversed_iterates(0, lambda k: k + 1, count)) == list(reversed(range(count)))
+        assert list(erosions._reversed_iterates(0, lambda k: k + 1, count)) == list(reversed(range(count)))
 
 
 @pytest.mark.parametrize("function", [soft_chessboard_distance, soft_linf_field, soft_complexity])
@@ -329,11 +323,11 @@ def test_complexity_by_groups_of_shapes(slices: int, monkeypatch: pytest.MonkeyP
     probability = grey(3, 2, 11, 9)
     rho = torch.tensor([[2.0], [3.0], [5.0]], dtype=torch.float64)
     solves: list[int] = []
-    solve = _soft.solve_graded
-    monkeypatch.setattr(_soft, "solve_graded", lambda *given: solves.append(1) or solve(*given))
+    solve = soft_field.solve_graded
+    monkeypatch.setattr(soft_field, "solve_graded", lambda *given: solves.append(1) or solve(*given))
     found = []
     for pixels in (1 << 16, 4 * 99, 1):
-        monkeypatch.setattr(_soft_complexity, "GROUP_PIXELS", pixels)
+        monkeypatch.setattr(soft_measure, "GROUP_PIXELS", pixels)
         leaves = [x.clone().requires_grad_() for x in (probability, rho)]
         solves.clear()
         value = torchlinf.soft_complexity(leaves[0], rho=leaves[1], slices=slices)

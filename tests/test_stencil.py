@@ -5,7 +5,7 @@ import problems
 import pytest
 import torch
 
-from torchlinf._stencil import block_max, block_min, residual
+from torchlinf.field.stencil import block_max, block_min, residual
 
 SIZES = [(7,), (1,), (5, 8), (1, 6), (3, 4, 5), (2, 3, 2, 4)]
 

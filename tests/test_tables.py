@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from torchlinf._files.line_file import LineFile
-from torchlinf._files.rows import csv_header, csv_line, json_line
 from torchlinf.scoring import COLUMNS, Score, find_masks, open_table, print_table, score_masks
+from torchlinf.scoring.line_file import LineFile
+from torchlinf.scoring.rows import csv_header, csv_line, json_line
 
 
 def test_rows_as_text_say_the_same_as_rows(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from functools import partial
 
 import pytest
 
-from torchlinf._files import workers
-from torchlinf._files.workers import FEW, NoWorkersError, in_order
+from torchlinf.scoring import workers
+from torchlinf.scoring.workers import FEW, NoWorkersError, in_order
 
 
 def double(task: int) -> float:
@@ -76,7 +76,7 @@ def test_a_worker_that_is_killed_by_chance_costs_nothing() -> None:
 def test_a_main_script_without_a_guard_is_told_so(tmp_path) -> None:
     script = tmp_path / "script.py"
     script.write_text(
-        "from torchlinf._files.workers import in_order\n"
+        "from torchlinf.scoring.workers import in_order\n"
         "list(in_order(abs, range(300), workers=2, seconds=float, died=abs))\n"
     )
     result = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=100, check=False)

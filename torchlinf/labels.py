@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from torchlinf._checks import MAX_SPATIAL_NDIM, positive, window
-from torchlinf._crops import profile_crops
+from torchlinf.measure import Measure, ragged_profile
 
 __all__ = ["complexity_table"]
 
@@ -94,14 +94,14 @@ def complexity_table(
         inside: NDArray[np.bool_] = numbered[box] == number
         return inside
 
-    profile = profile_crops(crop, len(objects), bins=bins, estimator=estimator, tol=tol)
+    profile = ragged_profile(crop, len(objects), Measure(bins=bins, estimator=estimator, tol=tol))
     return {
         "label": names,
         **_properties(numbered, properties, intensity_image, spacing),
         "radius": profile.radius.numpy(),
         **{name: profile.mean(*ends).numpy() for name, ends in windows.items()},
         "touches_frame": np.array([_touches(box, found.shape) for box in boxes.values()], dtype=np.bool_),
-        "error_bound": profile.error_bound.numpy(),
+        "error_bound": profile.field_error_bound.numpy(),
     }
 
 

@@ -9,9 +9,8 @@ import torch
 from torch import Tensor
 
 from torchlinf._checks import choice, count, positive, window
-from torchlinf._predictions import Predictions
-from torchlinf.complexity import complexity_profile
-from torchlinf.entropy import check_estimator
+from torchlinf.measure import Measure, complexity_profile
+from torchlinf.metrics_inputs import Predictions
 
 try:
     from torchmetrics import Metric
@@ -124,7 +123,7 @@ class ShapeComplexity(Metric):
         self.average = choice(average or "none", AVERAGES, "average")
         self.include_background = bool(include_background)
         self.empty = choice(empty, ("worst", "skip"), "empty")
-        check_estimator(estimator, bins)
+        self.measure = Measure(bins=bins, estimator=estimator, tol=tol)
         self.bins, self.estimator, self.tol = bins, estimator, positive(tol, "tol")
         self._add_states()
 

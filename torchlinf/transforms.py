@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from PIL.Image import Image
 from torch import Tensor
 
-from torchlinf._checks import MAX_SPATIAL_NDIM, count, positive, window
-from torchlinf._crops import profile_crops
-from torchlinf._sampler import ComplexitySampler
-from torchlinf.entropy import check_estimator
+from torchlinf._checks import MAX_SPATIAL_NDIM, count, window
+from torchlinf.measure import Measure, ragged_profile
+from torchlinf.samplers import ComplexitySampler
 
 __all__ = ["ComplexitySampler", "ShapeComplexityScore", "ShapeComplexityScored"]
 
@@ -78,17 +77,14 @@ class ShapeComplexityScore:
             raise ValueError(
                 f"spatial_ndim must be from 1 to {MAX_SPATIAL_NDIM}; got {spatial_ndim}. Pass 2 for images."
             )
-        check_estimator(estimator, bins)
-        self.bins, self.estimator, self.tol = bins, estimator, positive(tol, "tol")
+        self.measure = Measure(low=low, high=high, bins=bins, estimator=estimator, tol=tol)
 
     def __call__(self, mask: Tensor | ArrayLike | Image) -> Tensor:
         """Score a mask; see the class."""
         inside = self._inside(_array(mask))
         lead = inside.shape[: inside.ndim - self.spatial_ndim]
         shapes = inside.reshape(-1, *inside.shape[len(lead) :])
-        profile = profile_crops(
-            lambda i: _crop(shapes[i]), len(shapes), bins=self.bins, estimator=self.estimator, tol=self.tol
-        )
+        profile = ragged_profile(lambda i: shapes[i], len(shapes), self.measure)
         return profile.mean(self.low, self.high).reshape(lead)
 
     def __repr__(self) -> str:
@@ -177,11 +173,3 @@ def _array(mask: Tensor | ArrayLike | Image) -> NDArray[Any]:
     if isinstance(mask, Tensor):
         return (mask.float() if mask.dtype == torch.bfloat16 else mask).numpy(force=True)  # NumPy has no bfloat16
     return np.asarray(mask)
-
-
-def _crop(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The smallest box that holds the inside; all of an empty mask."""
-    from scipy.ndimage import find_objects
-
-    box = find_objects(np.ascontiguousarray(mask).view(np.uint8))
-    return mask[box[0]] if box else mask

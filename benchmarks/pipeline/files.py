@@ -14,8 +14,8 @@ from PIL import Image
 
 from benchmarks import shapes
 from benchmarks.timing import alternate
-from torchlinf._files.workers import in_order
 from torchlinf.scoring import Source, find_masks, read_source, score_source
+from torchlinf.scoring.workers import in_order
 
 
 @dataclass(frozen=True)

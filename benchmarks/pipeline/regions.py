@@ -9,8 +9,8 @@ from torch import Tensor, nn
 
 from benchmarks.timing import Ratio, alternate, ratio
 from torchlinf import complexity_profile
-from torchlinf._regions.open_frame import open_profile
 from torchlinf.regions import bounds_around, decision_region_complexity
+from torchlinf.regions.open_boundary import open_profile
 
 WIDTHS = (64, 256)
 

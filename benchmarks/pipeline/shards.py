@@ -14,10 +14,10 @@ import numpy as np
 from PIL import Image
 
 from benchmarks import shapes
-from torchlinf._files.readers import read_values
-from torchlinf._shards import Options, Part, find_shards, score_shard, write_part
-from torchlinf.distributed import connected, score_shards
 from torchlinf.scoring import Source, find_masks, read_source, score_mask, score_masks
+from torchlinf.scoring.distributed import connected, score_shards
+from torchlinf.scoring.readers import read_values
+from torchlinf.scoring.shards import Options, Part, find_shards, score_shard, write_part
 
 
 @dataclass(frozen=True)

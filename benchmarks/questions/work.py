@@ -11,7 +11,7 @@ from benchmarks.shapes import Named
 from benchmarks.sizes import Size
 from benchmarks.timing import Ratio, Times, alternate, ratio
 from torchlinf import FieldSolution
-from torchlinf._kernels import grid, sweeps
+from torchlinf.kernels import grid, sweeps
 
 SWEEPS = 10
 

@@ -11,8 +11,7 @@ import torch
 from torch import Tensor
 
 import torchlinf
-from torchlinf import _moves
-from torchlinf.losses import ShapeComplexityLoss
+from torchlinf.losses import ShapeComplexityLoss, region_flips
 
 Design = Callable[[Tensor], tuple[float, Tensor]]
 GENERATOR = torch.Generator()
@@ -38,7 +37,7 @@ def single_pixels(probability: Tensor) -> tuple[float, Tensor]:
         torchlinf.chessboard_distance(~inside, spatial_ndim=2) == 1
     )
     pixels = [edge.flatten().nonzero().numpy()]
-    value, [difference] = _moves.differences(inside, [list(pixels[0])], 0.0, 1.0)
+    value, [difference] = region_flips.differences(inside, [list(pixels[0])], 0.0, 1.0)
     gradient = torch.zeros(probability.numel(), dtype=torch.float64)
     where = torch.from_numpy(pixels[0][:, 0])
     gradient[where] = torch.from_numpy(difference).nan_to_num() * torch.where(inside.flatten()[where], -1.0, 1.0)

@@ -159,7 +159,7 @@ assert implied
 
 twelve = shapes.appendage_dictionary(64, 16, widths=(16, 40))
 of_twelve = {name: torchlinf.complexity_profile(mask, spatial_ndim=2) for name, mask in twelve.items()}
-print(f"largest certified error: {max(float(profile.error_bound) for profile in of_twelve.values()):.0e}")
+print(f"largest certified error: {max(float(profile.field_error_bound) for profile in of_twelve.values()):.0e}")
 order_of_twelve = dominance(of_twelve, windows=[(0.0, 0.25), (0.25, 0.625)])
 plot.hasse(twelve, order=order_of_twelve)
 plt.show()

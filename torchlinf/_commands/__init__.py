@@ -1,1 +1,0 @@
-"""What the command `torchlinf` does, a file a command."""

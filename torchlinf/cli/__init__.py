@@ -1,0 +1,5 @@
+"""The command `torchlinf`: one file a subcommand."""
+
+from torchlinf.cli.app import app, main
+
+__all__ = ["app", "main"]

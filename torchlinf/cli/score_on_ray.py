@@ -1,0 +1,63 @@
+"""`torchlinf score --ray`: the command's side of `torchlinf.scoring.distributed`."""
+
+import logging
+import os
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict
+from pathlib import Path
+
+import typer
+
+from torchlinf.cli.outputs import INTERRUPTED, end_if_failed, fail
+from torchlinf.scoring import Options, Part, find_shards
+from torchlinf.scoring.distributed import connected, score_shards
+
+Progress = Callable[[int, int, bool], AbstractContextManager[Callable[[], None]]]
+
+
+def score_on_ray(
+    paths: Sequence[Path],
+    out: Path | None,
+    address: str,
+    workers: int,
+    options: Options,
+    progress: Progress,
+) -> None:
+    """Score masks into a folder of Parquet files; the arguments are those of the command.
+
+    Raises:
+        typer.BadParameter: there is no folder to write to, or no mask.
+        typer.Exit: some masks failed (1), or all had to end (2).
+    """
+    if out is None or out.suffix.lower() in (".csv", ".json", ".jsonl", ".parquet") or out.is_file():
+        raise typer.BadParameter(
+            f"--ray writes a folder of Parquet files; got {out}. Pass for example --out scores/", param_hint="--out"
+        )
+    shards = find_shards(paths)
+    if not shards:
+        raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}")
+    logging.disable(logging.WARNING)  # Ray reports its own steps, and where it keeps more of them
+    parts: list[Part] = []
+    try:
+        with connected(address, workers=workers), progress(0, len(shards), True) as advance:
+            for part in score_shards(shards, out, **asdict(options)):
+                parts.append(part)
+                advance()
+    except KeyboardInterrupt:
+        typer.echo("Stopped; the same command goes on with the parts that are missing.", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+    except ConnectionError as error:
+        fail(f"Ray cannot be reached at {address} ({_first_line(error)}).")
+    except OSError as error:
+        why = os.strerror(error.errno) if error.errno else _first_line(error)
+        fail(f"The table cannot be written ({why}); it has {len(parts)} of {len(shards)} parts.")
+    except (ImportError, ValueError) as error:
+        fail(_first_line(error))
+    if before := sum(part.seconds == 0.0 for part in parts):
+        typer.echo(f"{before} of {len(parts)} parts were in {out} already.", err=True)
+    end_if_failed(sum(part.failed for part in parts), sum(part.masks for part in parts))
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).splitlines()), type(error).__name__)

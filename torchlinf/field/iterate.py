@@ -1,0 +1,146 @@
+"""The loop that knows no method: rounds of sweeps, a certificate after each, finished shapes leave the batch."""
+
+from collections.abc import Iterator
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from torchlinf.field.certificate import RESOLUTION, certify
+from torchlinf.field.cuda_graphs import ROUND, Rounds
+from torchlinf.field.layout import Layout, System
+from torchlinf.field.problem import Problem
+from torchlinf.field.solution import FieldSolution, Status
+from torchlinf.field.start import start
+
+GROUP_PIXELS = 1 << 17
+NEVER = 1 << 60
+
+
+class Method(Protocol):
+    """One way to sweep, for all shapes of a system at once; each shape goes its own way."""
+
+    step_sweeps: int
+    line: Tensor
+    system: System
+
+    def __init__(self, system: System, line: Tensor) -> None:
+        """Begin at the values on `line`, which the method may overwrite."""
+
+    @staticmethod
+    def limit(radius: Tensor) -> Tensor:
+        """Sweeps allowed by default to shapes of these radii."""
+
+    def step(self) -> None:
+        """Apply the stencil `step_sweeps` times to every shape; leaves the values on `line`."""
+
+    def select(self, keep: Tensor) -> None:
+        """Go on with the shapes of these indices only."""
+
+    def fall_back(self, stalled: Tensor, best: Tensor) -> None:
+        """Go on more carefully, from the values `best`, on the shapes marked in `stalled`."""
+
+
+def iterate(kind: type[Method], problem: Problem, tol: float, max_sweeps: int | None) -> FieldSolution:
+    """Sweep until each shape is certified to `tol` or has used up its sweeps.
+
+    A bound below `RESOLUTION` ulps of the largest value is not asked for: rounding is in the way.
+    """
+    layout = Layout(problem.mask)
+    shapes = len(problem.radius)
+    answer = FieldSolution(
+        value=problem.screening.new_zeros(problem.mask.shape),
+        error_bound=torch.zeros_like(problem.screening),
+        num_sweeps=problem.radius.new_zeros(shapes, dtype=torch.int64),
+        num_solves=problem.radius.new_zeros(shapes, dtype=torch.int64),
+        status=problem.radius.new_full((shapes,), int(Status.EMPTY), dtype=torch.int64),
+    )
+    for group in _groups(problem, layout.pixels):
+        _Batch(kind, problem, layout, group, max_sweeps).solve(tol, answer)
+    return answer
+
+
+def _groups(problem: Problem, pixels: int) -> Iterator[Tensor]:
+    """Indices of the shapes that are not empty, on a CPU in groups whose storage fits its cache."""
+    present = problem.radius.nonzero()[:, 0]
+    size = max(1, GROUP_PIXELS // pixels) if present.device.type == "cpu" else max(1, len(present))
+    yield from (group for group in present.split(size) if len(group))
+
+
+class _Batch:
+    """The shapes of one group that are not solved yet, and the best certified values of each.
+
+    All of them have the same sweeps behind them, so the rounds, whose length follows from that number alone, are the
+    same for a shape in every batch.
+    """
+
+    def __init__(
+        self, kind: type[Method], problem: Problem, layout: Layout, group: Tensor, max_sweeps: int | None
+    ) -> None:
+        radius, screening = problem.radius[group].long(), problem.screening[group]
+        inside = layout.rows(layout.pack(problem.mask[group].to(screening.dtype)))
+        values = layout.pack(start(Problem(problem.mask[group], problem.distance[group], radius, screening)))
+        self.layout = layout
+        self.shape = group
+        self.max_sweeps = max_sweeps
+        self.limit = kind.limit(radius) if max_sweeps is None else torch.full_like(radius, max_sweeps)
+        self.best = layout.rows(values).clone()
+        self.bound = torch.full_like(screening, torch.inf)
+        # the last bound that was half of the one before, and when it was reached
+        self.mark, self.marked = self.bound, torch.zeros_like(radius)
+        self.done = 0
+        self.method = kind(System(layout, inside, screening[:, None], radius, problem.compile), values)
+        self.rounds = Rounds(self.method)
+
+    def solve(self, tol: float, answer: FieldSolution) -> None:
+        """Work until no shape is left; write each into `answer` when it leaves."""
+        while len(self.shape):
+            status = self._certify(tol)
+            leave = status != NEVER
+            if leave.any():
+                self._finish(leave, status, answer)
+            if len(self.shape):
+                self._watch()
+                self._round()
+
+    def _certify(self, tol: float) -> Tensor:
+        """Keep what is better than the best; the status of the shapes that are to leave, NEVER for the others."""
+        values = self.layout.rows(self.method.line)
+        bound = certify(self.method.system.residual(self.method.line))
+        self.done += 1
+        better = bound < self.bound
+        self.bound = torch.where(better, bound, self.bound)
+        torch.where(better[:, None], values, self.best, out=self.best)
+        floor = RESOLUTION * torch.finfo(self.best.dtype).eps * self.best.amax(dim=1)
+        # a round is at least one step and its certificate
+        status = torch.where(self.done + self.method.step_sweeps + 1 > self.limit, int(Status.MAX_SWEEPS), NEVER)
+        status = torch.where(bound.isnan(), int(Status.NONFINITE), status)
+        return torch.where(self.bound <= floor.clamp(min=tol), int(Status.CONVERGED), status)
+
+    def _finish(self, leave: Tensor, status: Tensor, answer: FieldSolution) -> None:
+        gone = self.shape[leave]
+        answer.value[gone] = self.layout.unpack(self.best[leave])
+        answer.error_bound[gone] = self.bound[leave]
+        answer.num_sweeps[gone] = self.done
+        answer.status[gone] = status[leave]
+        keep = (~leave).nonzero()[:, 0]
+        self.shape, self.limit, self.best = self.shape[keep], self.limit[keep], self.best[keep]
+        self.bound, self.mark, self.marked = self.bound[keep], self.mark[keep], self.marked[keep]
+        self.method.select(keep)
+        self.rounds = Rounds(self.method)
+
+    def _watch(self) -> None:
+        """Have the shapes fall back whose best bound has not halved in 6 D + 96 sweeps."""
+        halved = self.bound <= self.mark / 2
+        self.mark = torch.where(halved, self.bound, self.mark)
+        self.marked = torch.where(halved, self.done, self.marked)
+        stalled = self.done - self.marked > 6 * self.method.system.radius + 96
+        self.method.fall_back(stalled, self.best)
+        self.marked = torch.where(stalled, self.done, self.marked)
+
+    def _round(self) -> None:
+        """Sweep for a sixteenth of all sweeps before, so that neither certificates nor sweeps too many cost much."""
+        sweeps = ROUND * max(1, self.done // ROUND**2)
+        if self.max_sweeps is not None:
+            sweeps = min(sweeps, self.max_sweeps - self.done - 1)
+        self.done += self.rounds.run(sweeps)

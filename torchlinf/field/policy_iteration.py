@@ -1,0 +1,225 @@
+"""The compiled CPU method: coarse to fine, a few sweeps, then policies and one exact linear solve, until certified.
+
+Sweeps settle the policies nearby, the solve carries their values across the whole shape. They run only where the
+field still changes. A start from half the resolution has the values right to O(1/D), so that the number of rounds
+hardly grows with D.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from torchlinf._boxes import bounding_box
+from torchlinf._parallel import for_each
+from torchlinf.field.certificate import RESOLUTION
+from torchlinf.field.problem import Problem
+from torchlinf.field.solution import FieldSolution, Status
+from torchlinf.kernels import chains, distance, grid, levels, sweeps
+from torchlinf.kernels.activity import Activity
+
+SWEEPS = 40  # a sweep costs 3^(n-1) rows, a solve the same in all dimensions: so many sweeps by n between two solves,
+# or D / 8 if that is more; doubled where progress stalls, since sweeps alone converge
+LARGE = 60_000  # pixels from which on it pays to find out where sweeps are needed
+BURST = 5  # sweeps after which it is decided anew where to sweep
+SETTLED = 1e-3  # share of the largest residual below which a tile rests
+WORK = 10  # sweeps of the whole shape whose cost is always spent between two solves: a solve costs several times that
+PATIENCE = 3  # rounds without half the residual after which progress counts as stalled
+COARSEST = 24  # radius up to which no coarser grid is worth its while
+COARSE_TOL = 0.01  # residual beyond which a coarse field would be no better a start
+TIE = 1e-11  # share of max f within which neighbours are equal: rounding, not geometry
+NOISE = 1e-7  # share of the residual down to which linear solves go, and within which neighbours are equal meanwhile
+
+
+def compiled(problem: Problem, tol: float, max_sweeps: int | None) -> FieldSolution:
+    """Solve shape by shape on the CPU, shapes in parallel on torch's number of threads."""
+    masks = problem.mask.numpy()
+    count = len(masks)
+    value = np.zeros(masks.shape)
+    bound = np.zeros(count)
+    work = np.zeros((2, count), dtype=np.int64)
+    status = np.full(count, int(Status.EMPTY), dtype=np.int64)
+
+    def solve(i: int, check: Callable[[], None]) -> None:
+        box = bounding_box(masks[i])
+        if masks[i][box].size:
+            known = problem.distance[i].numpy()[box]
+            shape = Shape.from_mask(masks[i][box], float(problem.screening[i]), known)
+            field = PolicyIteration(shape, tol, max_sweeps, check)
+            value[i][box] = field.run()
+            bound[i], work[:, i], status[i] = field.bound, (field.sweeps(), field.num_solves), field.status
+
+    for_each(solve, count)
+    found = (torch.from_numpy(array) for array in (value, bound, work[0], work[1], status))
+    return FieldSolution(*found)
+
+
+def solve_shape(mask: np.ndarray, rho: float | None, tol: float, check: Callable[[], None]) -> "PolicyIteration":
+    """Solve one shape that is not empty, from its mask to its field, without any tensor.
+
+    Args:
+        mask: bool, any box that holds the shape; the smallest one is the quickest.
+        rho: screening length in pixels; None means the radius.
+        tol: relative error to certify.
+        check: called between the rounds of the solve, so that it can end the solve by an exception.
+
+    Returns:
+        The finished solve. `v` and `shape.distance` are flat, on the padded grid.
+    """
+    solve = PolicyIteration(Shape.from_mask(mask, None if rho is None else rho**-2), tol, None, check)
+    solve.run()
+    return solve
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape on its grid, with its distance (flat, int32) and the profile g_D that starts it."""
+
+    grid: grid.Grid
+    distance: np.ndarray
+    screening: float
+    profile: np.ndarray
+
+    @classmethod
+    def from_mask(cls, mask: np.ndarray, screening: float | None, known: np.ndarray | None = None) -> "Shape":
+        """A shape from its cropped mask; `screening` None means 1 / D^2; `known` is its distance if that is known."""
+        return cls.from_padded(grid.pad(mask), screening, None if known is None else grid.pad(known).reshape(-1))
+
+    @classmethod
+    def from_padded(cls, padded: np.ndarray, screening: float | None, known: np.ndarray | None = None) -> "Shape":
+        """The same from a mask with its ring of outside pixels."""
+        geometry = grid.make_grid(padded)
+        flat = distance.chessboard_of(geometry) if known is None else known
+        radius = int(flat.max())
+        screening = 1.0 / radius**2 if screening is None else screening
+        return cls(geometry, flat, screening, levels.square_profile(radius, screening))
+
+    @property
+    def radius(self) -> int:
+        """D in pixels."""
+        return len(self.profile) - 1
+
+    def coarse(self) -> "Shape":
+        """The shape at half the side: a pixel of it is inside if any of the 2^n pixels under it is."""
+        sizes = tuple((size - 1) // 2 for size in self.grid.shape)  # half of the unpadded size, rounded up
+        padded = np.zeros([size + 2 for size in sizes], dtype=np.bool_)
+        strides = np.array(grid.row_strides(padded.shape))
+        levels.coarsen(self.grid.starts, self.grid.ends, self.grid.strides, padded.reshape(-1), strides)
+        return Shape.from_padded(padded, 4 * self.screening)
+
+
+class PolicyIteration:
+    """The solve of one shape: the present v, its certified bound, and the work so far."""
+
+    def __init__(self, shape: Shape, tol: float, max_sweeps: int | None, check: Callable[[], None]) -> None:
+        """Prepare the start g_D(d), which is the field itself on shapes of complexity zero."""
+        self.shape = shape
+        self.check = check
+        self.limit = 20_000 + 200 * shape.radius if max_sweeps is None else max_sweeps
+        self.v = np.zeros(shape.distance.size)
+        self.buffer = np.empty((4, shape.grid.shape[-1]))
+        self.activity = Activity(shape.grid) if shape.grid.pixels >= LARGE else None
+        self.tol = max(tol, RESOLUTION * np.finfo(np.float64).eps * float(shape.profile[-1]))
+        self.stencil = (self.v, shape.grid.starts, shape.grid.ends, shape.grid.rows)
+        self.bound = np.inf
+        self.num_sweeps = 0.0
+        self.num_solves = 0
+        levels.set_profile(self.v, shape.distance, shape.grid.starts, shape.grid.ends, shape.profile)
+
+    def sweeps(self) -> int:
+        """Sweeps so far, those on coarse grids counted by their share of the pixels."""
+        return int(np.ceil(self.num_sweeps))
+
+    @property
+    def solvable(self) -> bool:
+        """Whether 1 / rho^2 is a number that this equation can be solved for: neither overflown nor underflown."""
+        return 0.0 < self.shape.screening < np.inf
+
+    @property
+    def status(self) -> Status:
+        """How the solve ended."""
+        if not self.solvable or np.isnan(self.bound):
+            return Status.NONFINITE
+        return Status.CONVERGED if self.bound <= self.tol else Status.MAX_SWEEPS
+
+    def run(self) -> np.ndarray:
+        """Solve, and return the field without its padding."""
+        if self.solvable and not self.certify():
+            if self.shape.radius > COARSEST and self.limit >= SWEEPS:
+                self.start_from_coarse()
+            self.iterate()
+        return self.v.reshape(self.shape.grid.shape)[grid.interior(len(self.shape.grid.shape))]
+
+    def certify(self) -> bool:
+        """Bound the error of v; True once it is within the tolerance."""
+        if self.activity is not None:
+            self.activity.select_all()
+            return self.watch(self.activity)
+        self.num_sweeps += 1
+        return self.judge(*sweeps.residual_bounds(*self.stencil, self.shape.screening, self.buffer))
+
+    def watch(self, activity: Activity) -> bool:
+        """The same where v has changed in the selected tiles only."""
+        self.num_sweeps += activity.share
+        return self.judge(*activity.watch(self.v, self.shape.screening, self.buffer))
+
+    def judge(self, above: float, below: float) -> bool:
+        """The bound from the largest positive and negative part of the residual."""
+        self.bound = max(above, below) if above < 1 else np.inf
+        self.residual = max(above, below)
+        return bool(self.bound <= self.tol)
+
+    def start_from_coarse(self) -> None:
+        """Scale the start by the ratio of field to start at half the resolution."""
+        fine = self.shape.grid
+        smaller = self.shape.coarse()
+        share = smaller.grid.pixels / fine.pixels
+        # at most half of what is allowed, so that the values scaled below are always swept and certified
+        coarse = PolicyIteration(smaller, COARSE_TOL, int((self.limit - self.num_sweeps) / 2 / share), self.check)
+        coarse.run()
+        levels.scale_by_parents(
+            self.v, fine.starts, fine.ends, fine.strides, coarse.v, coarse.shape.distance, coarse.shape.profile,
+            coarse.shape.grid.strides,
+        )  # fmt: skip
+        self.num_sweeps += coarse.num_sweeps * share
+
+    def iterate(self) -> None:
+        """Sweep and solve in turn until certified, or the sweeps are used up."""
+        system = chains.PolicySystem(self.shape.grid, self.shape.screening)
+        count, idle = max(SWEEPS // len(self.shape.grid.shape), self.shape.radius // 8), 0
+        best = np.inf
+        while self.sweeps() + 2 <= self.limit:
+            self.check()
+            count = min(count, self.limit - self.sweeps() - 1)
+            if self.settle(count) or self.sweeps() + 1 > self.limit:
+                break
+            idle = 0 if self.residual <= best / 2 else idle + 1
+            best = min(best, self.residual)
+            if idle == PATIENCE:
+                idle, count = 0, 2 * count
+            tie = max(TIE * float(self.shape.profile[-1]), NOISE * self.residual)
+            sweeps.choose_policies(*self.stencil, tie, system.up, system.down, self.buffer)
+            system.solve(self.v, max(NOISE * self.residual, 1e-13 * float(self.shape.profile[-1])))
+            self.num_solves += 1
+            if self.certify():
+                break
+
+    def settle(self, count: int) -> bool:
+        """Sweep `count` times, on large shapes only where v changes, and oftener if cheap; True once certified."""
+        activity, (v, *whole, rows) = self.activity, self.stencil
+        if activity is None:
+            sweeps.sweep(v, *whole, rows, self.shape.screening, count, self.buffer)
+            self.num_sweeps += count
+            return self.certify()
+        done, before = 0, self.num_sweeps
+        while (done < count or self.num_sweeps - before < WORK) and self.num_sweeps + 3 <= self.limit:
+            activity.select(SETTLED * self.residual)
+            burst = min(BURST, int((self.limit - self.num_sweeps - 2) / activity.share))
+            sweeps.sweep(v, activity.starts, activity.ends, rows, self.shape.screening, burst, self.buffer)
+            done += burst
+            self.num_sweeps += burst * activity.share
+            activity.widen()
+            if self.watch(activity):
+                return True
+        return False

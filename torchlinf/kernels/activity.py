@@ -1,0 +1,166 @@
+"""Where the field still changes: the residual of every tile of the grid, and the runs in the tiles that need sweeps.
+
+After a linear solve the residual is zero to rounding but for a few places whose policies were wrong. To sweep those
+alone costs what they are worth, and what was swept or stands beside it is all that has to be looked at again.
+"""
+
+import math
+
+import numpy as np
+
+from torchlinf.kernels import sweeps
+from torchlinf.kernels._compile import kernel
+from torchlinf.kernels.grid import Grid, block_offsets, row_strides
+
+COLUMNS = 32  # a tile's side along the rows: long enough for vector instructions
+ROWS = 8  # and along the other axes
+
+
+class Activity:
+    """The residual by tile, and the present selection of runs, which begins as the whole shape.
+
+    Attributes:
+        starts: flat index at which each selected piece of a run starts.
+        ends: flat index after each.
+        share: of the shape's pixels that are selected.
+    """
+
+    def __init__(self, grid: Grid) -> None:
+        """Lay tiles over a grid, with a ring of tiles around them as the grid has one of pixels."""
+        self._grid = grid
+        sides = np.array([ROWS] * (len(grid.shape) - 1) + [COLUMNS])
+        counts = [-(-size // side) + 2 for size, side in zip(grid.shape, sides.tolist(), strict=True)]
+        strides = row_strides(tuple(counts))
+        self._block = block_offsets(strides)
+        self._residual = np.zeros((2, math.prod(counts)))
+        self._chosen = np.zeros(math.prod(counts), np.bool_)
+        self._whole = np.empty((4, grid.starts.size), np.int64)
+        capacity = _place_runs(grid.starts, grid.ends, grid.strides, sides, np.array(strides), self._whole)
+        self._pieces = np.empty((4, capacity), np.int64)
+        self.select_all()
+
+    def select_all(self) -> None:
+        """Select the whole shape."""
+        self._select(self._whole, 1.0)
+
+    def select(self, threshold: float) -> None:
+        """Select the tiles with a residual above the threshold, and those beside them."""
+        _choose(self._residual, threshold, self._block, self._chosen)
+        self._select_chosen()
+
+    def widen(self) -> None:
+        """Select the tiles beside the selection too."""
+        _dilate(self._chosen, self._block)
+        self._select_chosen()
+
+    def watch(self, v: np.ndarray, screening: float, buffer: np.ndarray) -> tuple[float, float]:
+        """Measure the residual of v in the selection; return the bounds over the whole shape.
+
+        What is not selected must have kept its residual since it was last measured.
+        """
+        _measure(v, *self._runs, self._grid.rows, screening, buffer, self._residual)
+        return float(self._residual[0].max()), float(self._residual[1].max())
+
+    def _select_chosen(self) -> None:
+        count, pixels = _collect(self._chosen, self._whole, self._pieces)
+        self._select(self._pieces[:, :count], pixels / self._grid.pixels)
+
+    def _select(self, runs: np.ndarray, share: float) -> None:
+        self._runs = tuple(runs)
+        self.starts, self.ends = self._runs[:2]
+        self.share = share
+
+
+@kernel
+def _place_runs(starts, ends, strides, sides, tile_strides, whole):  # type: ignore[no-untyped-def]
+    """Rows of `whole`: starts, ends, tile of the first pixel, its column in that tile; returns the number of pieces."""
+    pieces = 0
+    for run in range(starts.size):
+        x = starts[run]
+        tile = 0
+        column = 0
+        for axis in range(strides.size):
+            c = x // strides[axis]
+            x -= c * strides[axis]
+            tile += (c // sides[axis] + 1) * tile_strides[axis]
+            column = c % sides[axis]
+        whole[0, run] = starts[run]
+        whole[1, run] = ends[run]
+        whole[2, run] = tile
+        whole[3, run] = column
+        pieces += (column + ends[run] - starts[run] - 1) // COLUMNS + 1
+    return pieces
+
+
+@kernel
+def _choose(residual, threshold, block, chosen):  # type: ignore[no-untyped-def]
+    """Mark the tiles whose residual is above the threshold, and their neighbours."""
+    chosen[:] = False
+    for tile in range(chosen.size):
+        if max(residual[0, tile], residual[1, tile]) > threshold:
+            for offset in block:
+                chosen[tile + offset] = True
+
+
+@kernel
+def _dilate(chosen, block):  # type: ignore[no-untyped-def]
+    """Mark the neighbours of marked tiles."""
+    before = np.flatnonzero(chosen)
+    for tile in before:
+        for offset in block:
+            if 0 <= tile + offset < chosen.size:  # the ring of tiles may be marked, and has no pixels
+                chosen[tile + offset] = True
+
+
+@kernel
+def _collect(chosen, whole, pieces):  # type: ignore[no-untyped-def]
+    """Cut the runs to the marked tiles; returns how many pieces and pixels are left."""
+    count = 0
+    pixels = 0
+    for run in range(whole.shape[1]):
+        x = whole[0, run]
+        end = whole[1, run]
+        tile = whole[2, run]
+        column = whole[3, run]
+        joined = False
+        while x < end:
+            stop = min(end, x + COLUMNS - column)
+            if chosen[tile]:
+                if not joined:
+                    pieces[0, count] = x
+                    pieces[2, count] = tile
+                    pieces[3, count] = column
+                    count += 1
+                pieces[1, count - 1] = stop
+                pixels += stop - x
+            joined = chosen[tile]
+            x = stop
+            column = 0
+            tile += 1
+    return count, pixels
+
+
+@kernel
+def _measure(v, starts, ends, tiles, columns, rows, screening, buffer, residual):  # type: ignore[no-untyped-def]
+    """Set the largest positive and negative part of R(v) of all tiles that the runs touch."""
+    for run in range(starts.size):
+        last = tiles[run] + (columns[run] + ends[run] - starts[run] - 1) // COLUMNS
+        residual[:, tiles[run] : last + 1] = 0.0
+    for run in range(starts.size):
+        length = ends[run] - starts[run]
+        sweeps.row_residuals(v, starts[run], length, rows, screening, buffer)
+        tile = tiles[run]
+        first = 0
+        stop = min(length, COLUMNS - columns[run])
+        while first < length:
+            piece = buffer[2, first:stop]
+            above = residual[0, tile]
+            below = residual[1, tile]
+            for j in range(piece.size):
+                above = max(above, piece[j])
+                below = max(below, -piece[j])
+            residual[0, tile] = above
+            residual[1, tile] = below
+            tile += 1
+            first = stop
+            stop = min(length, stop + COLUMNS)

@@ -1,0 +1,119 @@
+"""Block max and min along runs: sweeps of T, the residual, and the policies.
+
+A run is a row segment of the shape. Its block max is taken in two steps that both vectorise: the max over the
+neighbouring rows, column by column, then over three adjacent columns.
+"""
+
+import numpy as np
+
+from torchlinf.kernels._compile import kernel
+
+
+@kernel
+def _row_extrema(v, rows, first, count, high, low):  # type: ignore[no-untyped-def]
+    """Max and min over the neighbouring rows, for columns first .. first + count."""
+    for group in range(0, rows.size, 3):
+        a = v[first + rows[group] : first + rows[group] + count]
+        b = v[first + rows[group + 1] : first + rows[group + 1] + count]
+        c = v[first + rows[group + 2] : first + rows[group + 2] + count]
+        if group == 0:
+            for j in range(count):
+                high[j] = max(max(a[j], b[j]), c[j])
+                low[j] = min(min(a[j], b[j]), c[j])
+        else:
+            for j in range(count):
+                high[j] = max(max(max(a[j], b[j]), c[j]), high[j])
+                low[j] = min(min(min(a[j], b[j]), c[j]), low[j])
+
+
+@kernel
+def sweep(v, starts, ends, rows, screening, num_sweeps, buffer):  # type: ignore[no-untyped-def]
+    """Apply T in place, `num_sweeps` times, row by row, down and up in turn.
+
+    A row sees the new values of the rows before it, which is still monotone and a contraction, needs no second
+    array, and carries news across the whole shape in the direction of travel.
+    """
+    inverse = 1.0 / (2.0 + screening)
+    high, low = buffer[0], buffer[1]
+    for number in range(num_sweeps):
+        for k in range(starts.size):
+            run = k if number % 2 == 0 else starts.size - 1 - k
+            start = starts[run]
+            length = ends[run] - start
+            _row_extrema(v, rows, start - 1, length + 2, high, low)
+            values = v[start : start + length]
+            for j in range(length):
+                most = max(max(high[j], high[j + 1]), high[j + 2])
+                least = min(min(low[j], low[j + 1]), low[j + 2])
+                values[j] = (most + least + 1.0) * inverse
+
+
+@kernel
+def row_residuals(v, start, length, rows, screening, buffer):  # type: ignore[no-untyped-def]
+    """R(v) = (M v - v) - (v - N v) + (1 - s v) on one run, into buffer[2].
+
+    In this order the two differences are exact in floating point, so R is known to a few ulps of 1, not of v.
+    """
+    high, low, residual = buffer[0], buffer[1], buffer[2]
+    _row_extrema(v, rows, start - 1, length + 2, high, low)
+    values = v[start : start + length]
+    for j in range(length):
+        most = max(max(high[j], high[j + 1]), high[j + 2])
+        least = min(min(low[j], low[j + 1]), low[j + 2])
+        residual[j] = ((most - values[j]) - (values[j] - least)) + (1.0 - screening * values[j])
+
+
+@kernel
+def residual_bounds(v, starts, ends, rows, screening, buffer):  # type: ignore[no-untyped-def]
+    """Largest positive and negative part of R(v) on the shape."""
+    above = 0.0
+    below = 0.0
+    residual = buffer[2]
+    for run in range(starts.size):
+        length = ends[run] - starts[run]
+        row_residuals(v, starts[run], length, rows, screening, buffer)
+        for j in range(length):
+            above = max(above, residual[j])
+            below = max(below, -residual[j])
+    return above, below
+
+
+@kernel
+def choose_policies(v, starts, ends, rows, tie, up, down, buffer):  # type: ignore[no-untyped-def]
+    """The neighbours that hold the block max (up) and min (down) of every pixel.
+
+    The canonical tie rule: among the neighbours within `tie` of the extremum the pixel itself if it is one, else the
+    one of smallest index. Without it, values that are equal in exact arithmetic would make chains zigzag.
+    """
+    high, low, most, least = buffer[0], buffer[1], buffer[2], buffer[3]
+    for run in range(starts.size):
+        start = starts[run]
+        length = ends[run] - start
+        _row_extrema(v, rows, start - 1, length + 2, high, low)
+        for j in range(length):
+            most[j] = max(max(high[j], high[j + 1]), high[j + 2]) - tie
+            least[j] = min(min(low[j], low[j + 1]), low[j + 2]) + tie
+        for row in range(rows.size - 1, -1, -1):  # descending, so that the smallest index is written last
+            _choose_in_row(v, start + rows[row], length, most, least, up[start:], down[start:])
+        values, above, below = v[start : start + length], up[start : start + length], down[start : start + length]
+        for j in range(length):
+            above[j] = start + j if values[j] >= most[j] else above[j]
+            below[j] = start + j if values[j] <= least[j] else below[j]
+
+
+@kernel
+def _choose_in_row(v, first, length, most, least, above, below):  # type: ignore[no-untyped-def]
+    """Point every pixel to the first of its three neighbours in one row that holds its extremum, if one does."""
+    left, middle, right = (
+        v[first - 1 : first - 1 + length],
+        v[first : first + length],
+        v[first + 1 : first + 1 + length],
+    )
+    for j in range(length):
+        x = np.int32(first + j)
+        y = x + np.int32(1) if right[j] >= most[j] else above[j]
+        y = x if middle[j] >= most[j] else y
+        above[j] = x - np.int32(1) if left[j] >= most[j] else y
+        y = x + np.int32(1) if right[j] <= least[j] else below[j]
+        y = x if middle[j] <= least[j] else y
+        below[j] = x - np.int32(1) if left[j] <= least[j] else y

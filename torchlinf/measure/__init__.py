@@ -1,0 +1,31 @@
+"""The measure: how complex a shape is at every scale, and the options that say how it is measured."""
+
+from torchlinf.measure.levels import Levels, level_values
+from torchlinf.measure.options import LevelOptions, Measure, MeasureOptions, SoftOptions, WindowOptions, takes
+from torchlinf.measure.pixel_map import complexity_map
+from torchlinf.measure.profile import (
+    ComplexityProfile,
+    complexity,
+    complexity_profile,
+    profile_of_levels,
+    ragged_profile,
+)
+from torchlinf.measure.soft import soft_complexity
+
+__all__ = [
+    "ComplexityProfile",
+    "LevelOptions",
+    "Levels",
+    "Measure",
+    "MeasureOptions",
+    "SoftOptions",
+    "WindowOptions",
+    "complexity",
+    "complexity_map",
+    "complexity_profile",
+    "level_values",
+    "profile_of_levels",
+    "ragged_profile",
+    "soft_complexity",
+    "takes",
+]

@@ -1,0 +1,106 @@
+"""Where the complexity of a shape sits: the share that each pixel has in it."""
+
+from typing import Unpack
+
+import torch
+from torch import Tensor
+
+from torchlinf._checks import as_mask, real_dtype
+from torchlinf.field import normalised, pose, solve
+from torchlinf.measure.entropy import bin_of
+from torchlinf.measure.levels import first_level
+from torchlinf.measure.options import Measure, WindowOptions, takes
+from torchlinf.measure.profile import length_within
+
+
+@takes(WindowOptions)
+def complexity_map(
+    mask: Tensor,
+    *,
+    method: str = "auto",
+    spatial_ndim: int | None = None,
+    dtype: torch.dtype | None = None,
+    **options: Unpack[WindowOptions],
+) -> Tensor:
+    """The share of each pixel in the complexity of its shape over the scales in (low, high].
+
+    The entropy of a level is the mean of the surprisal of its pixels, -log2 of the share of the level that falls into
+    the pixel's bin. So a pixel's share is its surprisal, divided by the number of pixels of its level, times the part
+    of the window (low, high] that belongs to the level; and the shares of all pixels add up to
+    `complexity(mask, low=low, high=high)`. A share is high where f differs from what it is at most pixels of the same
+    distance. The other estimator of `complexity`, the standard deviation, is no mean over pixels and has no such map.
+
+    Args:
+        mask: (B, C, *spatial), values 0 or 1, nonzero is inside; each (b, c) is one shape.
+        method: how the field is solved, "auto", "compiled", "accelerated" or "monotone"; see `solve_field`.
+        spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
+        dtype: of the result; None means float64 (float32 on a device without it).
+        {measure options}
+
+    Returns:
+        Tensor like `mask`, bits per pixel, 0 or more: 0 outside, on uniform levels and on levels outside the window,
+        so exactly 0.0 all over for any axis-aligned box. NaN at every pixel for an empty shape, whose complexity is
+        NaN: so the sum is right for every shape, and an empty one is not taken for a simple one. Not differentiable.
+        Flips and axis swaps of a shape flip and swap its map; what else is in the batch does not change it.
+
+    Raises:
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument has a wrong rank or value.
+        RuntimeError: a field could not be solved to `tol`; see `solve_field`.
+
+    Source: the complexity is that of Arslan and Tari, IEEE TIP 2020; the map: docs/method, "Where complexity sits".
+
+    Example:
+        >>> from torchlinf import complexity, shapes
+        >>> shape = shapes.with_appendages((4, 4), [shapes.Appendage("right", width=2, depth=2)])
+        >>> share = complexity_map(shape, spatial_ndim=2)
+        >>> share[2]
+        tensor([0.0130, 0.0000, 0.0000, 0.0130, 0.0938, 0.0938], dtype=torch.float64)
+        >>> share.sum(), complexity(shape, spatial_ndim=2)
+        (tensor(0.5306, dtype=torch.float64), tensor(0.5306, dtype=torch.float64))
+    """
+    measure = Measure.of(options, WindowOptions)
+    if measure.estimator != "entropy":
+        raise ValueError(
+            f'estimator must be "entropy" for a map; got {measure.estimator!r}, which is no mean over pixels. '
+            "Leave estimator out."
+        )
+    real_dtype(dtype)
+    shapes, lead = as_mask(mask, spatial_ndim)
+    problem = pose(shapes, measure.rho, lead)
+    field = normalised(solve(problem, lead, tol=measure.tol, method=method).value)  # (N, *spatial)
+    radius = problem.radius.long()
+    shape = shapes.nonzero()[:, 0]  # (pixels,) the shape that each inside pixel belongs to
+    number = problem.distance[shapes].long()  # (pixels,) the level k that it is on
+    surprisal, size = level_surprisal(
+        field[shapes], first_level(radius)[shape] + number - 1, int(radius.sum()), measure.bins
+    )
+    length = length_within(number, radius[shape].to(field), measure.low, measure.high)
+    shares = torch.zeros_like(field)
+    shares[radius == 0] = torch.nan
+    shares[shapes] = surprisal / size * length / (measure.high - measure.low)
+    return shares.reshape(mask.shape).to(dtype or field.dtype)
+
+
+def level_surprisal(values: Tensor, level: Tensor, num_levels: int, bins: int) -> tuple[Tensor, Tensor]:
+    """How rare the bin of each value is on its level, in bits, and how many values its level has.
+
+    Args:
+        values: (P,) floating point, in [0, 1].
+        level: (P,) int64, in [0, num_levels): the level each value belongs to.
+        num_levels: number of levels.
+        bins: number of bins.
+
+    Returns:
+        The surprisal and the size, two (P,) tensors of the dtype of `values`. The surprisal is exactly 0.0 where all
+        values of the level share a bin; its mean over a level is `torchlinf.entropy.level_entropy`.
+
+    Example:
+        >>> values = torch.tensor([0.1, 0.3, 0.3, 0.3, 0.5], dtype=torch.float64)
+        >>> level_surprisal(values, torch.tensor([0, 0, 0, 0, 1]), 2, 10)
+        (tensor([2.0000, 0.4150, 0.4150, 0.4150, 0.0000], dtype=torch.float64),
+         tensor([4., 4., 4., 4., 1.], dtype=torch.float64))
+    """
+    _, cell, count = torch.unique(level * bins + bin_of(values, bins), return_inverse=True, return_counts=True)
+    size = torch.bincount(level, minlength=num_levels)[level].to(values.dtype)  # as integers they divide in float32
+    return (size / count[cell]).log2(), size

@@ -1,0 +1,327 @@
+"""Complexity against scale: the profile of shapes, and its exact mean over a window of scales."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Unpack
+
+import torch
+from torch import Tensor
+
+from torchlinf._checks import as_mask, choice, real_dtype, window
+from torchlinf.field import METHODS
+from torchlinf.measure.entropy import segment_sum
+from torchlinf.measure.levels import Levels, MaskAt, first_level, levels_of, levels_of_each
+from torchlinf.measure.options import LevelOptions, Measure, WindowOptions, takes
+
+
+@dataclass(frozen=True, eq=False)
+class ComplexityProfile:
+    """Complexity of each shape of a batch against scale; made by `complexity_profile`.
+
+    Scale t in (0, 1] is the distance as a fraction of the shape's radius D, and belongs to level k = ceil(t D).
+    `lead` stands for the leading dimensions of the mask, (B, C) by default.
+
+    A profile that is computed can be averaged over any window, plotted, ordered and put into a table without another
+    solve.
+
+    Attributes:
+        scales: (L,) the scale grid.
+        values: (*lead, L) the level value (bits for "entropy", share of the field's maximum for "std") at each scale;
+            NaN for an empty shape.
+        radius: (*lead) int64, D in pixels; 0 for an empty shape.
+        field_error_bound: (*lead) float64, the certified relative error of the FIELD at every pixel. The complexity has
+            no bound of its own: an entropy jumps where a value crosses the edge of a bin.
+        level_values: (sum of radius,) float64, all levels of all shapes one after the other; `levels` splits it.
+        measure: how the levels were measured. Its window is not used here.
+    """
+
+    scales: Tensor
+    values: Tensor
+    radius: Tensor
+    field_error_bound: Tensor
+    level_values: Tensor
+    measure: Measure
+
+    def levels(self) -> Any:
+        """Values of the levels themselves, without a scale grid.
+
+        Returns:
+            Lists nested like the leading dimensions, [b][c] by default, of 1-D tensors of the dtype of `values`: entry
+            k - 1 is level k, and a shape of radius D has D entries, an empty one none. For a mask without leading
+            dimensions it is that one tensor.
+
+        Example:
+            >>> import torchlinf
+            >>> profile = torchlinf.complexity_profile(torch.ones(1, 1, 3, 6))
+            >>> profile.levels()
+            [[tensor([0., 0.], dtype=torch.float64)]]
+        """
+        parts = torch.split(self.level_values.to(self.values.dtype), self.radius.flatten().tolist())
+        return _nest(parts, tuple(self.radius.shape))
+
+    def mean(self, low: float = 0.0, high: float = 1.0) -> Tensor:
+        """Exact mean over the scales in (low, high], not a mean over a grid of samples.
+
+        It is sum_k E_k length(((k-1)/D, k/D] ∩ (low, high]) / (high - low).
+
+        Args:
+            low: lower end of the window, excluded.
+            high: upper end of the window, included; 0 <= low < high <= 1.
+
+        Returns:
+            (*lead) tensor of the dtype of `values`, in its unit and range; NaN for an empty shape.
+
+        Raises:
+            TypeError: `low` or `high` is no number.
+            ValueError: not 0 <= low < high <= 1.
+
+        Example:
+            >>> import torchlinf
+            >>> profile = torchlinf.complexity_profile(torchlinf.shapes.disc(6), spatial_ndim=2)
+            >>> profile.mean(), profile.mean(0.75, 1.0)
+            (tensor(0.8227, dtype=torch.float64), tensor(0.1837, dtype=torch.float64))
+        """
+        low, high = window(low, high)
+        shape, number = self._numbered()
+        size = self.radius.flatten().to(self.level_values)[shape]  # (sum of radius,) the D that belongs to each level
+        overlap = length_within(number, size, low, high)
+        bound = torch.full_like(
+            self.radius.flatten(), 32
+        )  # no level value exceeds 20 bits, and the lengths add up to 1
+        total = segment_sum(self.level_values * overlap, shape, bound) / (high - low)
+        return self._lead(total.masked_fill(self.radius.flatten() == 0, torch.nan))
+
+    def peak(self) -> tuple[Tensor, Tensor]:
+        """Largest level value and the scale it is reached at.
+
+        Returns:
+            Two (*lead) tensors of the dtype of `values`: max_k E_k, and k/D of the first level that reaches it; both
+            NaN for an empty shape.
+
+        Example:
+            >>> import torchlinf
+            >>> torchlinf.complexity_profile(torchlinf.shapes.disc(8), spatial_ndim=2).peak()
+            (tensor(1.2867, dtype=torch.float64), tensor(0.1667, dtype=torch.float64))
+        """
+        shape, number = self._numbered()
+        radius = self.radius.flatten()
+        value = self.level_values.new_full(radius.shape, torch.nan)
+        value = value.scatter_reduce(0, shape, self.level_values, "amax", include_self=False)
+        # Levels that do not reach the maximum stand behind every level that does.
+        rank = torch.where(self.level_values == value[shape], number, number + radius[shape])
+        first = radius.scatter_reduce(0, shape, rank, "amin", include_self=False)
+        return self._lead(value), self._lead(first / radius.to(value))
+
+    def _numbered(self) -> tuple[Tensor, Tensor]:
+        """For each entry of `level_values` its shape in the flattened batch, and its level k."""
+        radius = self.radius.flatten()
+        shape = torch.repeat_interleave(radius)
+        return shape, torch.arange(1, len(shape) + 1, device=radius.device) - first_level(radius)[shape]
+
+    def _lead(self, flat: Tensor) -> Tensor:
+        return flat.reshape(self.radius.shape).to(self.values.dtype)
+
+
+@takes(LevelOptions)
+def complexity_profile(
+    mask: Tensor,
+    *,
+    scales: Tensor | Sequence[float] | None = None,
+    method: str = "auto",
+    spatial_ndim: int | None = None,
+    dtype: torch.dtype | None = None,
+    **options: Unpack[LevelOptions],
+) -> ComplexityProfile:
+    """Complexity of shapes against scale.
+
+    Level k of a shape is the set of pixels at chessboard distance k from the outside. On an axis-aligned box the
+    screened L-infinity field is constant on every level; the value E_k of a level says how far it is from that.
+    At scale t the profile shows level ceil(t D), D being the radius: an appendage of contact width w on a body of
+    width W shows at no t above w/W.
+
+    Args:
+        mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, nonzero is inside,
+            beyond the array is outside. Each (b, c) is one shape.
+        scales: (L,) scales in (0, 1]; None means 0.01, 0.02 ... 1.00.
+        method: how the field is solved, "auto", "compiled", "accelerated" or "monotone"; see `solve_field`.
+        spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
+        dtype: of the values returned; None means float64 (float32 on a device without it), in which they are always
+            computed. `field_error_bound` keeps its own dtype, since it may be too small for a shorter one.
+        {measure options}
+
+    Returns:
+        A `ComplexityProfile`. An empty shape has radius 0 and NaN values; a full mask is a box, so exactly 0.0. Not
+        differentiable. What else is in the batch does not change the values of a shape. Flips and axis swaps of a shape
+        change them by no more than the errors of the fields explain; at the default `tol` by nothing on all shapes that
+        were tried.
+
+    Raises:
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument has a wrong rank or value.
+        RuntimeError: a field could not be solved to `tol`; the message names the shapes.
+
+    Source: Arslan and Tari, "Complexity of Shapes Embedded in Z^n with a Bias Towards Squares", IEEE TIP 2020.
+
+    Example:
+        >>> from torchlinf import shapes
+        >>> profile = complexity_profile(shapes.disc(8), scales=[0.25, 0.5, 1.0], spatial_ndim=2)
+        >>> profile.values, profile.radius
+        (tensor([0.9799, 0.8813, 0.0000], dtype=torch.float64), tensor(6))
+    """
+    measure = Measure.of(options, LevelOptions)
+    choice(method, ("auto", *METHODS), "method")
+    real_dtype(dtype)
+    grid = scale_grid(scales)
+    masks, lead = as_mask(mask, spatial_ndim)
+    return profile_of_levels(levels_of(masks, lead, measure, method), lead, measure, grid, dtype)
+
+
+def ragged_profile(mask_at: MaskAt, count: int, measure: Measure) -> ComplexityProfile:
+    """What `complexity_profile` gives for each of many masks alone, of whatever size, as one profile.
+
+    A batch of tensors would be as large as the largest mask times the number of shapes. Here only the masks being
+    worked on exist, one for each of torch's threads.
+
+    Args:
+        mask_at: the i-th mask, a bool array, any box that holds the shape; called on several threads.
+        count: how many there are.
+        measure: how complexity is measured. Its window is not used here.
+
+    Returns:
+        The profile on the CPU, on the default scales, of the leading shape (count,).
+
+    Raises:
+        RuntimeError: a field could not be solved.
+
+    Example:
+        >>> import numpy as np
+        >>> masks = [np.ones((3, 5), dtype=bool), np.eye(4, dtype=bool)]
+        >>> profile = ragged_profile(masks.__getitem__, 2, Measure())
+        >>> profile.radius, profile.mean()
+        (tensor([2, 1]), tensor([0., 0.], dtype=torch.float64))
+    """
+    return profile_of_levels(levels_of_each(mask_at, count, (count,), measure), (count,), measure)
+
+
+@takes(WindowOptions)
+def complexity(
+    mask: Tensor,
+    *,
+    method: str = "auto",
+    spatial_ndim: int | None = None,
+    dtype: torch.dtype | None = None,
+    **options: Unpack[WindowOptions],
+) -> Tensor:
+    """Mean complexity of each shape over the scales in (low, high].
+
+    The same as `complexity_profile(mask, ...).mean(low, high)`: an exact mean over scales, not one over samples.
+
+    Args:
+        mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, nonzero is inside,
+            beyond the array is outside. Each (b, c) is one shape.
+        method: how the field is solved, "auto", "compiled", "accelerated" or "monotone"; see `solve_field`.
+        spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
+        dtype: of the result; None means float64 (float32 on a device without it).
+        {measure options}
+
+    Returns:
+        Tensor of the leading shape, (B, C) by default, in bits (share of the field's maximum for "std"). NaN for an
+        empty shape; exactly 0.0 for a full mask and for any axis-aligned box. Not differentiable, and detached from
+        what the mask was made of: for a gradient use `soft_complexity` or `losses.ShapeComplexityLoss`.
+
+    Raises:
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument has a wrong rank or value.
+        RuntimeError: a field could not be solved to `tol`; the message names the shapes.
+
+    Source: Arslan and Tari, "Complexity of Shapes Embedded in Z^n with a Bias Towards Squares", IEEE TIP 2020.
+
+    Example:
+        >>> from torchlinf import shapes
+        >>> complexity(torch.stack([shapes.box(17, 17), shapes.disc(8)]), spatial_ndim=2)
+        tensor([0.0000, 0.6233], dtype=torch.float64)
+    """
+    measure = Measure.of(options, WindowOptions)
+    choice(method, ("auto", *METHODS), "method")
+    real_dtype(dtype)
+    masks, lead = as_mask(mask, spatial_ndim)
+    profile = profile_of_levels(levels_of(masks, lead, measure, method), lead, measure, dtype=dtype)
+    return profile.mean(measure.low, measure.high)
+
+
+def profile_of_levels(
+    levels: Levels,
+    lead: tuple[int, ...],
+    measure: Measure,
+    grid: tuple[Tensor, float] | None = None,
+    dtype: torch.dtype | None = None,
+) -> ComplexityProfile:
+    """The profile of levels that are known; `grid` is what `scale_grid` gives, None its default."""
+    scales, slack = scale_grid(None) if grid is None else grid
+    found = levels.values
+    scales = scales.to(found)
+    return ComplexityProfile(
+        scales=scales.to(dtype or found.dtype),
+        values=at_scales(found, levels.radius, scales - slack).reshape(*lead, len(scales)).to(dtype or found.dtype),
+        radius=levels.radius.reshape(lead),
+        field_error_bound=levels.field_error_bound.reshape(lead),
+        level_values=found,
+        measure=measure,
+    )
+
+
+def at_scales(found: Tensor, radius: Tensor, scales: Tensor) -> Tensor:
+    """Look up level k = ceil(t D) of each shape for each scale t: (N, L), NaN where the radius is 0."""
+    size = radius[:, None]  # (N, 1)
+    level = torch.minimum((scales * size).ceil().long().clamp(min=1), size)  # (N, L)
+    position = torch.where(size > 0, first_level(radius)[:, None] + level - 1, len(found))
+    return torch.cat([found, found.new_full((1,), torch.nan)])[position]
+
+
+def scale_grid(scales: Tensor | Sequence[float] | None) -> tuple[Tensor, float]:
+    """The scales as (L,) float64, and how far rounding may have carried them above what was meant.
+
+    Without that slack 0.07 * 100, a little above 7 in floating point, would be level 8.
+    """
+    if scales is None:
+        scales = torch.arange(1, 101, dtype=torch.float64) / 100
+    elif not isinstance(scales, Tensor):
+        scales = torch.tensor(scales, dtype=torch.float64)
+    if scales.is_complex():
+        raise TypeError(f"scales must be real numbers; got {scales.dtype}. Pass scales.real.")
+    if scales.ndim != 1 or len(scales) == 0:
+        raise ValueError(
+            f"scales must be one row of numbers; got shape {tuple(scales.shape)}. Pass for example scales=[0.1, 0.5]."
+        )
+    if not bool(((scales > 0) & (scales <= 1)).all()):
+        raise ValueError(
+            f"scales must lie in (0, 1]; got {scales.tolist()}. Pass fractions of the radius, for example [0.1, 0.5]."
+        )
+    slack = max(1e-9, torch.finfo(scales.dtype).eps) if scales.is_floating_point() else 1e-9
+    return scales.detach().double(), slack
+
+
+def length_within(level: Tensor, radius: Tensor, low: float, high: float) -> Tensor:
+    """Length of the scales in (low, high] that belong to a level: of ((k-1)/D, k/D] ∩ (low, high].
+
+    Args:
+        level: k, any shape.
+        radius: D, floating point, broadcast with it.
+        low: lower end of the window.
+        high: its upper end.
+
+    Returns:
+        Tensor of the dtype of `radius`, in [0, 1/D].
+
+    Example:
+        >>> length_within(torch.arange(1, 5), torch.tensor(4.0), 0.375, 1.0)
+        tensor([0.0000, 0.1250, 0.2500, 0.2500])
+    """
+    return ((level / radius).clamp(max=high) - ((level - 1) / radius).clamp(min=low)).clamp(min=0.0)
+
+
+def _nest(parts: Sequence[Tensor], lead: tuple[int, ...]) -> Any:
+    if not lead:
+        return parts[0]
+    step = len(parts) // max(lead[0], 1)
+    return [_nest(parts[i * step : (i + 1) * step], lead[1:]) for i in range(lead[0])]

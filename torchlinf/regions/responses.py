@@ -1,0 +1,202 @@
+"""What a classifier answers on a grid, as one mask for each class."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from torchlinf._checks import choice, count
+from torchlinf.regions.grids import Grid
+
+RESPONSES = ("auto", "decision_function", "predict_proba", "predict")  # in the order in which "auto" looks for them
+CHUNK_POINTS = 1 << 14  # points asked for at a time, unless they have very many features:
+CHUNK_NUMBERS = 1 << 22  # features of all points of a chunk, 32 MiB
+
+
+@dataclass(frozen=True)
+class Responder:
+    """How to ask a classifier.
+
+    Attributes:
+        ask: from points, float64 (P, *features), to a response.
+        classes: what it calls its classes, if that is known.
+        labels: whether the response are labels of classes, whatever their dtype.
+        threshold: of a response with one number a point, if it has a natural one.
+    """
+
+    ask: Callable[[Tensor], Any]
+    classes: tuple[Any, ...] | None = None
+    labels: bool = False
+    threshold: float | None = None
+
+
+def class_masks(
+    classifier: Any,
+    grid: Grid,
+    *,
+    response_method: str = "auto",
+    threshold: float | None = None,
+    classes: Sequence[Any] | None = None,
+    chunk_size: int | None = None,
+) -> tuple[Tensor, tuple[Any, ...]]:
+    """Where on the grid each class is, bool (C, *grid.shape), and the names of the classes.
+
+    Example:
+        >>> grid = Grid.within([(-1, 1)], 5)
+        >>> class_masks(lambda points: points[:, 0], grid, threshold=0.2)
+        (tensor([[ True,  True,  True, False, False],
+                [False, False, False,  True,  True]]), (0, 1))
+    """
+    if threshold is not None and (isinstance(threshold, bool) or not isinstance(threshold, Real)):
+        raise TypeError(f"threshold must be a number or None; got {threshold!r}. Pass for example 0.5.")
+    responder = _responder(classifier, response_method)
+    names = responder.classes if classes is None else tuple(classes)
+    with _evaluating(classifier):
+        parts = [
+            _reduce(response, names, threshold, responder) for response in _in_chunks(responder.ask, grid, chunk_size)
+        ]
+    found = np.concatenate(parts)
+    if found.ndim == 1:
+        masks, names = _split(found, names)
+    else:
+        masks, names = found.T, names or tuple(range(found.shape[1]))
+    return torch.from_numpy(np.ascontiguousarray(masks)).reshape(len(names), *grid.shape), names
+
+
+def _responder(classifier: Any, response_method: str) -> Responder:
+    choice(response_method, RESPONSES, "response_method")
+    if not isinstance(classifier, nn.Module) and hasattr(classifier, "predict"):
+        return _of_estimator(classifier, response_method)
+    if response_method != "auto":
+        raise ValueError(
+            "response_method chooses among the methods of a scikit-learn estimator; got "
+            f"{response_method!r} beside a {type(classifier).__name__}. Leave it out."
+        )
+    if isinstance(classifier, nn.Module):
+        known = next((p for p in classifier.parameters() if p.is_floating_point()), torch.empty(0))
+        return Responder(lambda points: classifier(points.to(known)))
+    if not callable(classifier):
+        raise TypeError(
+            "classifier must be a torch.nn.Module, a scikit-learn estimator or a callable; got "
+            f"{type(classifier).__name__}. Pass a function from points (P, features) to responses."
+        )
+    return Responder(lambda points: classifier(points.to(torch.get_default_dtype())))
+
+
+def _of_estimator(estimator: Any, response_method: str) -> Responder:
+    methods = RESPONSES[1:] if response_method == "auto" else (response_method,)
+    name = next((method for method in methods if hasattr(estimator, method)), None)
+    if name is None:
+        raise ValueError(
+            f"response_method must be a method of the classifier; got {response_method!r}, which "
+            f'{type(estimator).__name__} has not. Pass response_method="auto".'
+        )
+    known = getattr(estimator, "classes_", None)
+    # A list of arrays, as of several outputs, is refused later, by the shape of the response.
+    classes = None if known is None or isinstance(known, list) else tuple(known.tolist())
+    method = getattr(estimator, name)
+    return Responder(
+        lambda points: method(points.numpy()),
+        classes,
+        labels=name == "predict" and classes is not None,
+        threshold=0.0 if name == "decision_function" else None,
+    )
+
+
+@contextmanager
+def _evaluating(classifier: Any) -> Iterator[None]:
+    """A module in evaluation mode, every part of it in its own mode again afterwards; no gradients for anything."""
+    modes = [(part, part.training) for part in classifier.modules()] if isinstance(classifier, nn.Module) else []
+    try:
+        for part, _ in modes:
+            part.training = False
+        with torch.no_grad():
+            yield
+    finally:
+        for part, training in modes:
+            part.training = training
+
+
+def _in_chunks(ask: Callable[[Tensor], Any], grid: Grid, chunk_size: int | None) -> Iterator[NDArray[Any]]:
+    """The responses (P,) or (P, C), free of NaN."""
+    total = math.prod(grid.shape)
+    features = grid.points(0, 1).numel()
+    step = (
+        min(CHUNK_POINTS, max(1, CHUNK_NUMBERS // features)) if chunk_size is None else count(chunk_size, "chunk_size")
+    )
+    for start in range(0, total, step):
+        points = grid.points(start, min(start + step, total))
+        yield _checked(ask(points), points)
+
+
+def _checked(response: Any, points: Tensor) -> NDArray[Any]:
+    if isinstance(response, Tensor):
+        response = (response.float() if response.dtype == torch.bfloat16 else response).numpy(force=True)
+    found = np.asarray(response)
+    if found.ndim == 2 and found.shape[1] == 1:
+        found = found[:, 0]
+    if found.ndim not in (1, 2) or len(found) != len(points) or 0 in found.shape:
+        raise ValueError(
+            f"classifier must answer ({len(points)},) or ({len(points)}, classes) for {len(points)} points; got "
+            f"{type(response).__name__} of shape {found.shape}. Pass a function that selects and reshapes its output."
+        )
+    if found.dtype.kind == "f":
+        bad = np.isnan(found).reshape(len(found), -1).any(axis=1)
+        if bad.any():
+            where = ", ".join(f"{x:.4g}" for x in points[int(bad.argmax())].flatten()[:4].tolist())
+            raise ValueError(
+                f"classifier must answer without NaN; got NaN at {bad.sum()} of {len(points)} points, the first at "
+                f"({where}{', ...' if points[0].numel() > 4 else ''}). Train it anew, or choose bounds within which it "
+                "is defined."
+            )
+    return found
+
+
+def _reduce(
+    response: NDArray[Any], names: tuple[Any, ...] | None, threshold: float | None, responder: Responder
+) -> NDArray[Any]:
+    """Labels (P,), or masks (P, C)."""
+    if response.ndim == 1:
+        if responder.labels or response.dtype.kind not in "f":
+            return response
+        threshold = responder.threshold if threshold is None else threshold
+        if threshold is None:
+            raise ValueError(
+                "threshold must be a number where the classifier answers one number a point; got None. "
+                "Pass threshold=0.0 for logits, threshold=0.5 for probabilities."
+            )
+        above = response > threshold
+        return np.stack([~above, above], axis=1)
+    if names is not None and len(names) != response.shape[1]:
+        raise ValueError(
+            f"classifier must answer one number for each of its {len(names)} classes; got {response.shape[1]}. "
+            'Pass response_method="predict", or classes=... with as many names.'
+        )
+    return response > threshold if threshold is not None else _largest(response)
+
+
+def _largest(response: NDArray[Any]) -> NDArray[np.bool_]:
+    """The class of the largest number, the first of those that tie."""
+    return np.arange(response.shape[1]) == response.argmax(axis=1)[:, None]
+
+
+def _split(labels: NDArray[Any], names: tuple[Any, ...] | None) -> tuple[NDArray[np.bool_], tuple[Any, ...]]:
+    """One mask for each class, (C, P)."""
+    met, place = np.unique(labels, return_inverse=True)
+    if names is None:
+        names = tuple(met.tolist())
+    unknown = [label for label in met.tolist() if label not in names]
+    if unknown:
+        raise ValueError(
+            f"classes must hold every label that the classifier answers; got {list(names)} without {unknown[0]!r}. "
+            "Leave classes out to take those that are met."
+        )
+    number = np.array([names.index(label) for label in met.tolist()])[place.reshape(-1)]
+    return np.arange(len(names))[:, None] == number, names

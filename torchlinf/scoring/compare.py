@@ -1,0 +1,196 @@
+"""Two tables of scores, of the old and the new masks of one data set: which masks are in both, and what changed."""
+
+import csv
+import os
+import re
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePath
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchlinf.scoring.atomic_write import replace_file
+from torchlinf.scoring.rows import Score
+from torchlinf.scoring.terminal import common_folder
+
+Join = Literal["path", "folder", "name", "stem"]
+Column = Literal[
+    "complexity",
+    "complexity_low",
+    "complexity_high",
+    "peak",
+    "peak_scale",
+    "pixels",
+    "radius",
+    "components",
+    "seconds",
+]
+
+COMPARED = "compared"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One mask of either table.
+
+    Attributes:
+        mask: what the two tables were joined by.
+        status: "compared", or why it was not: "only in old", "only in new", "failed in old", "failed in new" or
+            "failed in both".
+        old: the number in the old table; None if there is none.
+        new: the number in the new table; None if there is none.
+    """
+
+    mask: str
+    status: str
+    old: float | None
+    new: float | None
+
+    @property
+    def change(self) -> float | None:
+        """New minus old; None if the mask was not compared."""
+        return None if self.old is None or self.new is None else self.new - self.old
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What changed from one table to another. The statistics are those of the masks that were compared.
+
+    Attributes:
+        column: which column was compared.
+        pairs: every mask of both tables once, in the order of the old one; then those that are in the new one only.
+    """
+
+    column: str
+    pairs: tuple[Pair, ...]
+
+    @property
+    def counts(self) -> Counter[str]:
+        """How many masks there are of each status."""
+        return Counter(pair.status for pair in self.pairs)
+
+    @cached_property
+    def numbers(self) -> NDArray[np.float64]:
+        """Old and new numbers, (2, N)."""
+        found = [(pair.old, pair.new) for pair in self.pairs if pair.status == COMPARED]
+        return np.array(found, dtype=np.float64).reshape(-1, 2).T
+
+    @property
+    def changes(self) -> NDArray[np.float64]:
+        """New minus old, (N,)."""
+        return self.numbers[1] - self.numbers[0]
+
+    @property
+    def rank_correlation(self) -> float:
+        """Spearman's correlation, in [-1, 1]; equal numbers share a rank.
+
+        NaN for fewer than two masks, or if all numbers of a table are equal.
+        """
+        old, new = (_ranks(values) for values in self.numbers)
+        spread = old.std() * new.std() if old.size else 0.0
+        return float(((old - old.mean()) * (new - new.mean())).mean() / spread) if spread else np.nan
+
+    def largest(self, count: int) -> list[Pair]:
+        """The masks that changed most, the largest change first; masks that did not change are left out."""
+        changed = [pair for pair in self.pairs if pair.change]
+        return sorted(changed, key=lambda pair: -abs(pair.change or 0.0))[:count]
+
+
+def compare_scores(
+    old: Iterable[Score], new: Iterable[Score], *, column: Column = "complexity", join: Join = "path"
+) -> Comparison:
+    """Compare two tables.
+
+    Args:
+        old: rows of a table, such as `scoring.read_table` gives.
+        new: rows of another.
+        column: what to compare.
+        join: which rows are the same mask: those with the same "path"; with the same path below the folder that all
+            masks of their own table share ("folder"); with the same "name", which is the file's, or the member's in an
+            archive and the id in a COCO file; with the same name without its suffix ("stem"),
+            which in a tar archive begins at the first dot, as in WebDataset's layout.
+
+    Returns:
+        The masks of both tables, side by side.
+
+    Raises:
+        ValueError: `column` or `join` is unknown, or does not tell the masks of a table apart.
+
+    Example:
+        >>> before = [Score("old/a.png", complexity=2.0), Score("old/b.png", error="empty")]
+        >>> after = [Score("new/a.png", complexity=2.5), Score("new/b.png", complexity=1.0)]
+        >>> found = compare_scores(before, after, join="folder")
+        >>> found.changes, dict(found.counts)
+        (array([0.5]), {'compared': 1, 'failed in old': 1})
+    """
+    if column not in get_args(Column):
+        raise ValueError(f"column must be one of {', '.join(get_args(Column))}; got {column!r}")
+    if join not in get_args(Join):
+        raise ValueError(f"join must be one of {', '.join(get_args(Join))}; got {join!r}")
+    before, after = _by_key(old, join, "old"), _by_key(new, join, "new")
+    pairs = (_pair(key, before.get(key), after.get(key), column) for key in before | after)
+    return Comparison(column, tuple(pairs))
+
+
+def write_pairs(path: Path, pairs: Iterable[Pair]) -> None:
+    """Write pairs as CSV: mask, status, old, new, change.
+
+    Raises:
+        OSError: the file cannot be written; what was there before still is.
+    """
+
+    def write(temporary: Path) -> None:
+        with temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(["mask", "status", "old", "new", "change"])
+            writer.writerows([pair.mask, pair.status, pair.old, pair.new, pair.change] for pair in pairs)
+
+    replace_file(path, write)
+
+
+def _pair(key: str, old: Score | None, new: Score | None, column: str) -> Pair:
+    failed = [side for side, row in (("old", old), ("new", new)) if row is not None and row.error is not None]
+    if old is None or new is None:
+        status = "only in new" if old is None else "only in old"
+    else:
+        status = COMPARED if not failed else f"failed in {'both' if len(failed) == 2 else failed[0]}"
+    return Pair(key, status, *(getattr(row, column) if row and not row.error else None for row in (old, new)))
+
+
+def _by_key(rows: Iterable[Score], join: str, table: str) -> dict[str, Score]:
+    rows = list(rows)
+    folder = common_folder(rows) if join == "folder" else ""
+    found: dict[str, Score] = {}
+    for row in rows:
+        key = _key(row.path, join, folder)
+        if key in found:
+            raise ValueError(
+                f"join must tell masks apart; by {join} the {table} table holds {key} more than once "
+                f"({found[key].path}, {row.path}). Join by another of {', '.join(get_args(Join))}"
+            )
+        found[key] = row
+    return found
+
+
+def _key(path: str, join: str, folder: str) -> str:
+    if join == "path":
+        return path
+    if join == "folder":
+        return os.path.relpath(path, folder) if folder else path
+    *archive, member = re.split(r"\.(tar|npz|json):", path, flags=re.IGNORECASE)
+    name = PurePath(member)
+    if join == "name":
+        return name.name
+    # In WebDataset's layout the parts of a sample share what stands before the first dot: a.jpg, a.mask.png.
+    in_tar = bool(archive) and archive[-1].lower() == "tar"
+    return name.name.split(".")[0] or name.stem if in_tar else name.stem
+
+
+def _ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Ranks from 1; equal values share the mean of theirs."""
+    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return (np.cumsum(counts) - (counts - 1) / 2)[place]

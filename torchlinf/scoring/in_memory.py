@@ -1,0 +1,59 @@
+"""Masks that are in memory already: the content of files, and arrays."""
+
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+
+from torchlinf.scoring.readers import UnreadableMaskError, Values, parse_values
+
+# What files begin with, for those that are not simply images.
+BEGINNINGS = {b"\x93NUMPY": ".npy", b"PK\x03\x04": ".npz", b"II*\0": ".tif", b"MM\0*": ".tif"}
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A mask in memory.
+
+    Attributes:
+        content: bytes of a file, or an array.
+        spatial_ndim: dimensions that an array must have, but for leading axes of length 1.
+    """
+
+    content: Any
+    spatial_ndim: int = 2
+
+
+def held_values(held: Held, max_pixels: int) -> Values:
+    """The numbers of a mask in memory, as `read_values` has those of a file.
+
+    Raises:
+        UnreadableMaskError: there are none, or they are no mask.
+
+    Example:
+        >>> held_values(Held([[0, 1]]), max_pixels=2).array
+        array([[0, 1]])
+    """
+    if isinstance(held.content, bytes):
+        if not held.content:
+            raise UnreadableMaskError("the file is empty (0 bytes)")
+        suffix = next((suffix for start, suffix in BEGINNINGS.items() if held.content.startswith(start)), "")
+        return parse_values(BytesIO(held.content), suffix, max_pixels)
+    array = np.asarray(held.content)
+    if array.dtype.kind not in "buif":
+        raise UnreadableMaskError(f"an array must be bool, integer or floating point; got {array.dtype}")
+    whole = array.shape
+    while array.ndim > held.spatial_ndim and array.shape[0] == 1:
+        array = array[0]
+    if array.ndim != held.spatial_ndim or array.size == 0:
+        wanted = "(H, W)" if held.spatial_ndim == 2 else "(D, H, W)"
+        raise UnreadableMaskError(
+            f"an array must be {wanted} and hold pixels; got {whole}. Read images as grey, or pass spatial_ndim=3 for "
+            "volumes"
+        )
+    if array.size > max_pixels:
+        raise UnreadableMaskError(
+            f"{array.size} pixels are more than the limit of {max_pixels}; raise it to score them"
+        )
+    return Values(array)

@@ -1,0 +1,239 @@
+"""Shards in, parts out: an archive, or a run of files, becomes one Parquet file, which is there whole or not at all.
+
+Whoever works on a shard leaves a marker beside its part, and takes it away at the end. A marker that is found says that
+an earlier worker was lost, perhaps by one of the masks: from then on they are scored in a process of their own.
+"""
+
+import json
+import os
+import platform
+import re
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
+from hashlib import blake2b
+from itertools import islice, tee
+from pathlib import Path
+from typing import Any
+
+from torchlinf.scoring import parquet
+from torchlinf.scoring.atomic_write import replace_file
+from torchlinf.scoring.mask_rules import MAX_PIXELS
+from torchlinf.scoring.rows import COLUMNS, Score
+from torchlinf.scoring.score import score_masks
+from torchlinf.scoring.sources import Source, find_files, open_file
+
+ARCHIVES = (".tar", ".json")
+FILES = 1000  # single files in a shard
+LOST = 5  # workers that a shard may cost in one run: Ray Data would go on for ever
+RUN = re.compile(r"files-[0-9a-f]+\.parquet$")  # parts of single files
+SETTINGS = "_settings.json"  # readers of Parquet folders pass over names that begin with _ or .
+
+
+@dataclass(frozen=True)
+class Options:
+    """How masks are read: the arguments of `score_masks`, and `members` of `find_masks`."""
+
+    threshold: float | None = None
+    invert: bool = False
+    max_pixels: int = MAX_PIXELS
+    members: str | None = None
+
+    @property
+    def reading(self) -> dict[str, Any]:
+        """What concerns each mask."""
+        return {"threshold": self.threshold, "invert": self.invert, "max_pixels": self.max_pixels}
+
+
+@dataclass(frozen=True)
+class Shard:
+    """What one worker does at a time.
+
+    Attributes:
+        files: an archive alone, or single files.
+        folder: where relative paths start.
+    """
+
+    files: tuple[Source, ...]
+    folder: str
+
+    @property
+    def part(self) -> str:
+        """Name of the file that its rows are in. It follows from the paths alone, not from what is in the files."""
+        paths = b"\0".join(os.fsencode(os.path.join(self.folder, file.path)) for file in self.files)
+        first = self.files[0].path
+        # A run of files is called by no file's name: the hash says which they are.
+        title = re.sub(r"[^\w.-]", "_", first.name, flags=re.ASCII).lstrip("._")[:80] if self.is_archive else "files"
+        return f"{title}-{blake2b(paths, digest_size=8).hexdigest()}.parquet"
+
+    @property
+    def is_archive(self) -> bool:
+        """Whether it is an archive, not files."""
+        return self.files[0].path.suffix.lower() in ARCHIVES
+
+
+@dataclass(frozen=True)
+class Part:
+    """What is known of a part.
+
+    Attributes:
+        name: of the Parquet file.
+        masks: rows in it.
+        failed: rows with an error.
+        seconds: time that the worker took; 0.0 if the part was there before.
+    """
+
+    name: str
+    masks: int
+    failed: int
+    seconds: float = 0.0
+
+
+def find_shards(paths: Iterable[str | os.PathLike[str]], *, files: int = FILES) -> list[Shard]:
+    """Find what there is to score, in pieces for workers. No file is opened.
+
+    Args:
+        paths: files, folders and patterns, as in `find_masks`.
+        files: how many single files make a shard. A tar archive or a COCO file is one shard, whatever it holds.
+
+    Returns:
+        Shards, each once.
+
+    Raises:
+        ValueError: `files` is less than 1.
+    """
+    if files < 1:
+        raise ValueError(f"files must be 1 or more; got {files}. Pass for example {FILES}.")
+    folder = os.getcwd()
+    archives: list[Source] = []
+    single: list[Source] = []
+    for file in {file.name: file for file in find_files(paths)}.values():
+        (archives if file.path.suffix.lower() in ARCHIVES else single).append(file)
+    runs = [(file,) for file in archives] + [tuple(single[i : i + files]) for i in range(0, len(single), files)]
+    return list({shard.part: shard for shard in (Shard(run, folder) for run in runs)}.values())
+
+
+def open_folder(out: Path, shards: Iterable[Shard], options: Options) -> None:
+    """Make the folder of the parts, or see that the parts in it are of these masks and settings.
+
+    Raises:
+        ValueError: they are not.
+        OSError: it cannot be made or written.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    settings, text = out / SETTINGS, json.dumps(asdict(options))
+    before = settings.read_text() if settings.exists() else None
+    if before not in (None, text):
+        raise ValueError(
+            f"{out} holds parts scored with other settings, {before}; got {text}. Pass the same settings, or another "
+            "folder."
+        )
+    expected = {shard.part for shard in shards}
+    others = [name for name in sorted(os.listdir(out)) if RUN.match(name) and name not in expected]
+    if others:
+        raise ValueError(
+            f"{out} holds {len(others)} part(s) of another list of files, such as {others[0]}, so that masks could be "
+            "there twice. Pass another folder, or the paths of the run before, if no file came or went since."
+        )
+    if before is None:
+
+        def write(temporary: Path) -> None:
+            temporary.write_text(text)
+
+        replace_file(settings, write)
+
+
+def tidy(out: Path, shards: Iterable[Shard]) -> None:
+    """Remove what killed workers left of shards that are done."""
+    hidden = tuple(f".{shard.part}." for shard in shards)
+    for name in os.listdir(out) if hidden else ():
+        if name.startswith(".") and name.startswith(hidden):
+            (out / name).unlink(missing_ok=True)
+
+
+def read_part(path: Path) -> Part | None:
+    """What is known of a part by its footer; None if it is not there, damaged, or of another version."""
+    import pyarrow
+    import pyarrow.parquet
+
+    try:
+        with pyarrow.parquet.ParquetFile(path) as file:
+            if tuple(file.schema_arrow.names) != COLUMNS:
+                return None
+            groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
+            sound = sum(group.column(COLUMNS.index("error")).statistics.null_count for group in groups)
+            return Part(path.name, file.metadata.num_rows, file.metadata.num_rows - sound)
+    except (pyarrow.ArrowInvalid, OSError):
+        return None
+
+
+def score_shard(shard: Shard, out: Path, options: Options, run: str = "") -> Part:
+    """Score the masks of a shard into its part, unless that is there.
+
+    Args:
+        shard: what to score.
+        out: the folder of the parts.
+        options: how its masks are read.
+        run: a word for the run that this belongs to. Workers that other runs lost do not count against the shard:
+            they may have been ended with their run.
+
+    Returns:
+        What is known of the part.
+
+    Raises:
+        OSError: the part cannot be written.
+        ImportError: there are COCO files, and pycocotools is not installed.
+    """
+    start, path = time.perf_counter(), out / shard.part
+    if (part := read_part(path)) is not None:
+        return part
+    marker = out / f".{shard.part}.begun"
+    before = _begin(marker, run)
+    lost = before.count(run)
+    try:
+        rows = _rows(shard, options, isolated=bool(before)) if lost < LOST else _given_up(shard, lost)
+        write_part(path, rows)
+    finally:
+        marker.unlink(missing_ok=True)
+    part = read_part(path)
+    assert part is not None
+    return replace(part, seconds=time.perf_counter() - start)
+
+
+def _begin(marker: Path, run: str) -> list[str]:
+    """Add a line to the marker; the runs of the workers that began before and did not end."""
+    with marker.open("a+") as file:
+        file.seek(0)
+        before = [line.partition(" ")[0] for line in file]
+        file.write(f"{run} {platform.node()} {os.getpid()}\n")
+    return before
+
+
+def _rows(shard: Shard, options: Options, isolated: bool) -> Iterator[Score]:
+    def found() -> Iterator[tuple[Source, str]]:
+        for file in shard.files:
+            # Workers may run in other folders; the row names the file as it was given.
+            for source in open_file(replace(file, path=Path(shard.folder, file.path)), options.members):
+                yield source, replace(source, path=file.path).name
+
+    sources, names = tee(found())
+    rows = score_masks((source for source, _ in sources), **options.reading, isolated=isolated)
+    return (replace(row, path=name) for row, (_, name) in zip(rows, names, strict=True))
+
+
+def _given_up(shard: Shard, lost: int) -> list[Score]:
+    error = f"not scored: {lost} workers were killed or crashed in its shard; delete {shard.part} to try again"
+    return [Score(file.name, error=error) for file in shard.files]
+
+
+def write_part(path: Path, rows: Iterable[Score]) -> None:
+    """Write rows as they come, a part of them in memory at a time; the file is there when it is whole."""
+    import pyarrow.parquet
+
+    def write(temporary: Path) -> None:
+        remaining = iter(rows)
+        with pyarrow.parquet.ParquetWriter(temporary, parquet.schema()) as writer:
+            while some := list(islice(remaining, parquet.ROWS)):
+                writer.write_table(parquet.table(some))
+
+    replace_file(path, write)

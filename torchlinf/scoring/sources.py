@@ -1,0 +1,126 @@
+"""Which masks there are to score: files, folders, patterns, and archives that hold several."""
+
+import os
+import tarfile
+import zipfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from glob import has_magic, iglob
+from pathlib import Path
+
+from torchlinf.scoring.archives import tar_masks
+from torchlinf.scoring.byte_ranges import Span
+from torchlinf.scoring.coco import Outline, coco_masks
+from torchlinf.scoring.in_memory import Held
+from torchlinf.scoring.readers import SUFFIXES, UnreadableMaskError, arrays_in
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a mask is.
+
+    Attributes:
+        path: the file.
+        member: which of the masks in it: the array of an .npz archive that holds several, the member of a tar archive,
+            the id of an annotation.
+        error: why there is nothing to read, if that is known already.
+        place: where in a tar archive the mask is, what a COCO file says of it, or the mask itself.
+    """
+
+    path: Path
+    member: str | None = None
+    error: str | None = None
+    place: Span | Outline | Held | None = None
+
+    @property
+    def name(self) -> str:
+        """The path, with the member after a colon; bytes that are no UTF-8 as escapes. No two masks share one."""
+        return _text(self.path) if self.member is None else f"{_text(self.path)}:{_text(self.member)}"
+
+
+def find_masks(paths: Iterable[str | os.PathLike[str]], *, members: str | None = None) -> list[Source]:
+    """Find the masks that paths stand for.
+
+    Args:
+        paths: files, taken whatever their name; folders, searched through for files of a known suffix; and patterns
+            such as `masks/**/*.png`, where no file has that very name. Hidden files and folders are left out, links are
+            followed, and a folder that is reached twice is read once.
+        members: which members of tar archives are masks, as a pattern such as `*.mask.png`; None takes all with a
+            suffix of a mask.
+
+    Returns:
+        One source a mask, however often it is reached: the files of a folder sorted by path, an .npz archive as its
+        arrays, a tar archive as its members, a COCO file as its annotations, and what cannot be read as a source with
+        an error.
+
+    Raises:
+        ImportError: there are COCO files, and pycocotools is not installed.
+    """
+    found = (source for path in paths for file in _files(Path(path)) for source in open_file(file, members))
+    return list({source.name: source for source in found}.values())
+
+
+def find_files(paths: Iterable[str | os.PathLike[str]]) -> Iterator[Source]:
+    """Find the files that paths stand for, as `find_masks`, without looking into them."""
+    for path in paths:
+        yield from _files(Path(path))
+
+
+def open_file(file: Source, members: str | None = None) -> Iterator[Source]:
+    """Find the masks in a file: itself, or those it holds."""
+    suffix, is_file = file.path.suffix.lower(), os.path.isfile(file.path)  # opening a named pipe would wait for ever
+    if file.error is None and is_file and suffix in (".tar", ".json"):
+        try:
+            for found in tar_masks(file.path, members) if suffix == ".tar" else coco_masks(file.path):
+                yield Source(file.path, found.name, found.error, found.place)
+        except tarfile.TarError as error:
+            yield Source(file.path, error=f"not an uncompressed tar archive, or a damaged one ({error})")
+        except UnreadableMaskError as error:
+            yield Source(file.path, error=str(error))
+        except OSError as error:
+            yield Source(file.path, error=f"cannot be read ({error.strerror})")
+        return
+    arrays = _arrays(file.path) if suffix == ".npz" and is_file else []
+    yield from (Source(file.path, name) for name in arrays) if len(arrays) > 1 else [file]
+
+
+def _files(path: Path) -> Iterable[Source]:
+    if os.path.isdir(path):
+        return _walk(path)
+    if os.path.lexists(path) or not has_magic(str(path)):
+        return [Source(path)]
+    return [Source(Path(name)) for name in sorted(iglob(str(path), recursive=True)) if not os.path.isdir(name)]
+
+
+def _walk(folder: Path) -> list[Source]:
+    found: list[Source] = []
+    seen: set[tuple[int, int]] = set()
+
+    def refused(error: OSError) -> None:
+        found.append(Source(Path(error.filename), error=f"cannot be searched ({error.strerror})"))
+
+    for root, folders, files in os.walk(folder, onerror=refused, followlinks=True):
+        status = os.stat(root)
+        # Links make a loop out of a tree: what was seen is not entered again.
+        is_new = (status.st_dev, status.st_ino) not in seen
+        seen.add((status.st_dev, status.st_ino))
+        folders[:] = sorted(name for name in folders if not name.startswith(".")) if is_new else []
+        masks = [name for name in files if name.lower().endswith((*SUFFIXES, ".tar")) and not name.startswith(".")]
+        found += [Source(Path(root, name)) for name in masks if is_new]
+    return sorted(found, key=lambda source: source.path.parts)
+
+
+def _arrays(path: Path) -> list[str]:
+    """Names of the arrays in an .npz archive, from its directory; empty if the file is none or a damaged one."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return arrays_in(archive)
+    except (OSError, zipfile.BadZipFile):
+        return []
+
+
+def _text(path: str | Path) -> str:
+    try:
+        return os.fsencode(path).decode("utf-8", "backslashreplace")
+    except UnicodeEncodeError:  # the id of an annotation may hold half of a pair of surrogates
+        return str(path).encode("utf-8", "backslashreplace").decode()
