@@ -24,7 +24,8 @@ import torchlinf.transforms
 from torchlinf import shapes
 
 SOLVE = "rho=None, tol=1e-09"
-PROFILE = f"bins=1024, estimator='entropy', {SOLVE}, method='auto', spatial_ndim=None, dtype=None"
+TENSOR = "method='auto', spatial_ndim=None, dtype=None"
+LEVEL = "bins=1024, estimator='entropy', rho=None, tol=1e-09"
 READ = "threshold=None, invert=False, max_pixels=67108864"
 
 ASKED = (
@@ -40,20 +41,31 @@ def parameters(function: Callable[..., object]) -> str:
 
 
 def test_the_public_names() -> None:
-    assert torchlinf.__all__ == [
+    assert sorted(torchlinf.__all__) == [
         "ComplexityProfile",
         "FieldSolution",
+        "Measure",
         "Status",
         "chessboard_distance",
         "complexity",
         "complexity_map",
         "complexity_profile",
+        "decompose",
+        "labels",
         "linf_field",
+        "losses",
+        "metrics",
+        "order",
+        "plot",
+        "regions",
+        "samplers",
+        "scoring",
         "shapes",
         "soft_chessboard_distance",
         "soft_complexity",
         "soft_linf_field",
         "solve_field",
+        "transforms",
     ]
     for name in torchlinf.__all__:
         assert getattr(torchlinf, name).__doc__
@@ -73,18 +85,15 @@ def test_the_version_has_three_numbers() -> None:
             "spatial_ndim=None, dtype=None)",
         ),
         (torchlinf.linf_field, f"(mask, *, {SOLVE}, spatial_ndim=None, dtype=None)"),
-        (torchlinf.complexity_profile, f"(mask, *, scales=None, {PROFILE})"),
-        (torchlinf.complexity, f"(mask, *, low=0.0, high=1.0, {PROFILE})"),
-        (
-            torchlinf.complexity_map,
-            f"(mask, *, low=0.0, high=1.0, bins=1024, {SOLVE}, method='auto', spatial_ndim=None, dtype=None)",
-        ),
+        (torchlinf.complexity_profile, f"(mask, *, scales=None, {TENSOR}, {LEVEL})"),
+        (torchlinf.complexity, f"(mask, *, {TENSOR}, low=0.0, high=1.0, {LEVEL})"),
+        (torchlinf.complexity_map, f"(mask, *, {TENSOR}, low=0.0, high=1.0, {LEVEL})"),
         (torchlinf.soft_chessboard_distance, "(probability, *, spatial_ndim=None)"),
         (torchlinf.soft_linf_field, "(probability, *, rho=None, slices=4, tol=1e-09, spatial_ndim=None)"),
         (
             torchlinf.soft_complexity,
-            "(probability, *, low=0.0, high=1.0, bandwidth=0.0009765625, estimator='entropy', rho=None, slices=1, "
-            "tol=1e-09, spatial_ndim=None)",
+            "(probability, *, bandwidth=0.0009765625, slices=1, spatial_ndim=None, low=0.0, high=1.0, "
+            "estimator='entropy', rho=None, tol=1e-09)",
         ),
         (torchlinf.order.kendall_tau, "(profiles)"),
         (torchlinf.ComplexityProfile.mean, "(self, low=0.0, high=1.0)"),
@@ -120,7 +129,7 @@ def test_the_version_has_three_numbers() -> None:
             "(keys, *, postfix='complexity', allow_missing_keys=False, **kwargs)",
         ),
         (
-            torchlinf.transforms.ComplexitySampler,
+            torchlinf.samplers.ComplexitySampler,
             "(scores, *, between=None, share=1.0, weight=None, num_samples=None, seed=0, num_replicas=1, rank=0)",
         ),
         (
@@ -145,7 +154,7 @@ def test_the_version_has_three_numbers() -> None:
         (torchlinf.scoring.score_masks, f"(sources, *, {READ}, workers=1, isolated=False)"),
         (torchlinf.scoring.open_table, "(path, *, as_json=False, resume=False, retry=False)"),
         (torchlinf.scoring.read_table, "(path)"),
-        (torchlinf.comparison.compare_scores, "(old, new, *, column='complexity', join='path')"),
+        (torchlinf.scoring.compare_scores, "(old, new, *, column='complexity', join='path')"),
         (torchlinf.regions.bounds_around, "(X, *, eps=1.0)"),
         (
             torchlinf.decompose.parts,
@@ -211,7 +220,7 @@ def test_the_readme_runs_on_the_import_it_names() -> None:
 
 
 def test_modules_come_with_the_package_and_at_first_use() -> None:
-    names = "comparison decompose distributed labels losses metrics order plot regions scoring transforms"
+    names = "decompose labels losses metrics order plot regions samplers scoring shapes transforms"
     code = f"""
 import torchlinf
 for name in "{names}".split():

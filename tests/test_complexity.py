@@ -99,7 +99,7 @@ def test_a_batch_equals_its_shapes_one_by_one_to_the_last_bit(estimator: str) ->
         for c in range(2):
             alone = complexity_profile(masks[b : b + 1, c : c + 1], estimator=estimator)
             assert torch.equal(alone.levels()[0][0], batch.levels()[b][c])
-            for name in ("values", "radius", "error_bound"):
+            for name in ("values", "radius", "field_error_bound"):
                 found, expected = getattr(alone, name)[0, 0], getattr(batch, name)[b, c]
                 torch.testing.assert_close(found, expected, rtol=0, atol=0, equal_nan=True)
             for found, expected in ((alone.mean(0.1, 0.7), batch.mean(0.1, 0.7)), (alone.peak()[1], batch.peak()[1])):

@@ -274,7 +274,7 @@ def test_compiled_without_a_graph_break() -> None:
 
 
 def test_the_operator_keeps_its_promises() -> None:
-    torch.library.opcheck(torchlinf.losses.exact_moves, (batch().flatten(0, 1), 0.5, 0.0, 1.0, 4))
+    torch.library.opcheck(torchlinf.losses.shape_loss.exact_moves, (batch().flatten(0, 1), 0.5, 0.0, 1.0, 4))
 
 
 @pytest.mark.parametrize(

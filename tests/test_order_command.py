@@ -124,10 +124,10 @@ def test_what_fails_is_named_and_the_rest_go_on(masks: Path, tmp_path: Path) -> 
 def test_a_field_that_cannot_be_solved_stops_nothing(masks: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = order.ragged_profile
 
-    def stubborn(crop, count):  # type: ignore[no-untyped-def]
-        if crop(0).sum() == 1000:
+    def stubborn(mask_at, count, measure):  # type: ignore[no-untyped-def]
+        if mask_at(0).sum() == 1000:
             raise RuntimeError("did not converge")
-        return real(crop, count)
+        return real(mask_at, count, measure)
 
     monkeypatch.setattr(order, "ragged_profile", stubborn)
     result = run(app, ["order", str(masks)])
@@ -143,8 +143,8 @@ def test_equal_within_the_certified_error_counts_as_equal(
     """Every profile is moved by another multiple of 1e-10, which is within the first error and beyond the second."""
     real, moved = order.ragged_profile, []
 
-    def shaken(crop, count) -> ComplexityProfile:  # type: ignore[no-untyped-def]
-        profile = real(crop, count)
+    def shaken(mask_at, count, measure) -> ComplexityProfile:  # type: ignore[no-untyped-def]
+        profile = real(mask_at, count, measure)
         moved.append(len(moved) * 1e-10)
         values = profile.level_values + moved[-1]
         return replace(

@@ -226,7 +226,7 @@ def test_a_full_disk(
     name: str, free: int, small_disk: tuple[Path, Callable[[int], None]], many: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     disk, enlarge = small_disk
-    monkeypatch.setattr(scoring, "score_mask", lambda inside: {"pixels": int(inside.sum())})
+    monkeypatch.setattr("torchlinf.scoring.score.score_mask", lambda inside: {"pixels": int(inside.sum())})
     for mask in list(many.iterdir())[90:]:
         mask.unlink()
     (disk / "ballast").write_bytes(bytes(1024 * (64 - free)))

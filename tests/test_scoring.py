@@ -14,7 +14,7 @@ import torch
 from PIL import Image
 
 import torchlinf
-from torchlinf import scoring, shapes
+from torchlinf import shapes
 from torchlinf.scoring import Score, Source, find_masks, score_mask, score_masks
 from torchlinf.scoring.rows import csv_line
 
@@ -162,7 +162,7 @@ def test_the_unexpected_is_a_row_too(error: Exception, tmp_path: Path, monkeypat
             raise error
         return score_mask(mask)
 
-    monkeypatch.setattr(scoring, "score_mask", fail_on_the_second)
+    monkeypatch.setattr("torchlinf.scoring.score.score_mask", fail_on_the_second)
     paths = [save(tmp_path / f"{width}.png", noise(width, 5, width)) for width in (7, 8, 9)]
     rows = list(score_masks(find_masks(paths)))
     assert [row.error is None for row in rows] == [True, False, True]
@@ -174,7 +174,7 @@ def test_an_interrupt_is_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     def interrupt(mask: np.ndarray) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(scoring, "score_mask", interrupt)
+    monkeypatch.setattr("torchlinf.scoring.score.score_mask", interrupt)
     with pytest.raises(KeyboardInterrupt):
         list(score_masks(find_masks([save(tmp_path / "a.png", noise(0, 5, 7))])))
 

@@ -11,6 +11,7 @@ from benchmarks.shapes import Named
 from benchmarks.sizes import Size
 from benchmarks.timing import Ratio, Times, alternate, ratio
 from torchlinf import FieldSolution
+from torchlinf._boxes import bounding_box
 from torchlinf.kernels import grid, sweeps
 
 SWEEPS = 10
@@ -22,7 +23,7 @@ class LibrarySweep:
     def __init__(self, mask: Tensor) -> None:
         """Set up the shape on its grid with its distance as values."""
         array = mask.numpy()
-        box = grid.crop(array)
+        box = bounding_box(array)
         self.grid = grid.make_grid(grid.pad(array[box]))
         self.v = grid.pad(torchlinf.chessboard_distance(mask, spatial_ndim=mask.ndim).numpy()[box].astype(float))
         self.radius = int(self.v.max())

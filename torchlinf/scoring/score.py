@@ -83,6 +83,7 @@ def score_masks(
         with `error`.
 
     Example:
+        >>> from torchlinf.scoring import find_masks
         >>> rows = score_masks(find_masks(["no-such-file.png"]))
         >>> next(rows).error
         'no such file'
