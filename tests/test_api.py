@@ -185,7 +185,7 @@ def test_the_fields_of_the_results() -> None:
     names = [field.name for field in dataclasses.fields(torchlinf.FieldSolution)]
     assert names == ["value", "error_bound", "num_sweeps", "num_solves", "status"]
     names = [field.name for field in dataclasses.fields(torchlinf.ComplexityProfile)]
-    assert names == ["scales", "values", "radius", "field_error_bound", "level_values", "measure"]
+    assert names == ["scales", "values", "radius", "field_error_bound", "level_values", "measure", "seconds"]
 
 
 def test_results_cannot_be_changed_and_compare_by_identity() -> None:

@@ -126,7 +126,9 @@ def with_values(*rows: list[float], error_bound: float = 0.0) -> list[Complexity
     scales = torch.arange(1, len(rows[0]) + 1, dtype=torch.float64) / len(rows[0])
     bound = torch.tensor(error_bound, dtype=torch.float64)
     values = [torch.tensor(row, dtype=torch.float64) for row in rows]
-    return [ComplexityProfile(scales, row, torch.tensor(len(row)), bound, row, Measure()) for row in values]
+    return [
+        ComplexityProfile(scales, row, torch.tensor(len(row)), bound, row, Measure(), torch.zeros(())) for row in values
+    ]
 
 
 @pytest.mark.parametrize("size", [2, 3, 6])

@@ -9,6 +9,7 @@ devices the batch is solved in torch operations. Levels of all shapes stand in o
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import ceil
+from time import perf_counter
 
 import numpy as np
 import torch
@@ -36,11 +37,13 @@ class Levels:
         values: (sum of radius,) floating point, all levels of all shapes one after the other.
         radius: (N,) int64, the number of levels of each shape; 0 for an empty one.
         field_error_bound: (N,) certified relative error of each field.
+        seconds: (N,) float64, the time that each shape took; a batch in torch operations shares its time evenly.
     """
 
     values: Tensor
     radius: Tensor
     field_error_bound: Tensor
+    seconds: Tensor
 
 
 def levels_of(masks: Tensor, lead: tuple[int, ...], measure: Measure, method: str = "auto") -> Levels:
@@ -52,11 +55,13 @@ def levels_of(masks: Tensor, lead: tuple[int, ...], measure: Measure, method: st
     if uses_kernels(masks, method):
         arrays = masks.numpy()
         return levels_of_each(lambda i: arrays[i], len(arrays), lead, measure)
+    start = perf_counter()
     problem = pose(masks, measure.rho, lead)
     solved = solve(problem, lead, tol=measure.tol, method=method)
     radius = problem.radius.long()
     values = level_values(solved.value, problem.distance, radius, estimator=measure.estimator, bins=measure.bins)
-    return Levels(values, radius, solved.error_bound)
+    seconds = torch.full((len(masks),), (perf_counter() - start) / max(len(masks), 1), dtype=torch.float64)
+    return Levels(values, radius, solved.error_bound, seconds)
 
 
 def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: Measure) -> Levels:
@@ -76,7 +81,7 @@ def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: 
     """
     rhos = _rho_of_each(measure, lead)
     values: list[NDArray[np.float64]] = [np.zeros(0)] * count
-    bound, sweeps = np.zeros(count), np.zeros(count, np.int64)
+    bound, seconds, sweeps = np.zeros(count), np.zeros(count), np.zeros(count, np.int64)
     status = np.full(count, int(Status.EMPTY), np.int64)
 
     def solve_one(i: int, check: Callable[[], None]) -> None:
@@ -96,13 +101,16 @@ def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: 
 
     def solve_chunk(number: int, check: Callable[[], None]) -> None:
         for i in range(number * chunk, min((number + 1) * chunk, count)):
+            start = perf_counter()
             solve_one(i, check)
+            seconds[i] = perf_counter() - start
 
     for_each(solve_chunk, ceil(count / chunk))
     field_error_bound = torch.from_numpy(bound)
     raise_failures(torch.from_numpy(status), field_error_bound, torch.from_numpy(sweeps), measure.tol, lead)
     radius = torch.tensor([len(found) for found in values], dtype=torch.int64)
-    return Levels(torch.from_numpy(np.concatenate([np.zeros(0), *values])), radius, field_error_bound)
+    found = torch.from_numpy(np.concatenate([np.zeros(0), *values]))
+    return Levels(found, radius, field_error_bound, torch.from_numpy(seconds))
 
 
 def _rho_of_each(measure: Measure, lead: tuple[int, ...]) -> Callable[[int], float | None]:

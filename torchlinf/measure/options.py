@@ -6,7 +6,9 @@ Users pass the options as keywords. Each entry point builds a `Measure` of them,
 
 import dataclasses
 import inspect
+import json
 import math
+import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypedDict, TypeVar
@@ -125,6 +127,15 @@ class Measure:
             if getattr(self, field.name) is not field.default and getattr(self, field.name) != field.default
         }
 
+    def settings(self) -> str:
+        """All options as one line of JSON, for a column of a table: what has to be known to compute a number again.
+
+        >>> Measure(high=0.25).settings()
+        '{"low": 0.0, "high": 0.25, "windows": null, "bins": 1024, "estimator": "entropy", "rho": null, "tol": 1e-09}'
+        """
+        rho = "one value a shape" if isinstance(self.rho, Tensor) else self.rho
+        return json.dumps({field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | {"rho": rho})
+
     def named_windows(self, name: str = "complexity") -> dict[str, Window]:
         """The windows by name; `name` is that of the one window where `windows` is None."""
         return {name: (self.low, self.high)} if self.windows is None else dict(self.windows)
@@ -237,8 +248,6 @@ def takes(kind: type) -> Callable[[Documented], Documented]:
 
 def _filled(text: str, names: tuple[str, ...]) -> Iterator[str]:
     """The lines of a docstring with the options in place of the mark."""
-    import textwrap
-
     for line in text.split("\n"):
         if line.strip() != MARK:
             yield line

@@ -33,6 +33,7 @@ class ComplexityProfile:
             no bound of its own: an entropy jumps where a value crosses the edge of a bin.
         level_values: (sum of radius,) float64, all levels of all shapes one after the other; `levels` splits it.
         measure: how the levels were measured. Its window is not used here.
+        seconds: (*lead) float64 on the CPU, the time that each shape took.
     """
 
     scales: Tensor
@@ -41,6 +42,7 @@ class ComplexityProfile:
     field_error_bound: Tensor
     level_values: Tensor
     measure: Measure
+    seconds: Tensor
 
     def levels(self) -> Any:
         """Values of the levels themselves, without a scale grid.
@@ -267,6 +269,7 @@ def profile_of_levels(
         field_error_bound=levels.field_error_bound.reshape(lead),
         level_values=found,
         measure=measure,
+        seconds=levels.seconds.reshape(lead),
     )
 
 

@@ -45,7 +45,7 @@ def open_profile(mask: Tensor, *, bins: int = 1024, estimator: str = "entropy", 
     values = torch.cat([torch.zeros(0, dtype=torch.float64), *(values for values, _ in found)])
     bounds = torch.tensor([bound for _, bound in found], dtype=torch.float64)
     measure = Measure(bins=bins, estimator=estimator, tol=tol)
-    return profile_of_levels(Levels(values, radius, bounds), (len(radius),), measure)
+    return profile_of_levels(Levels(values, radius, bounds, torch.zeros(len(radius))), (len(radius),), measure)
 
 
 def _measure(mask: Tensor, bins: int, estimator: str, tol: float) -> tuple[Tensor, float]:
