@@ -9,21 +9,20 @@ def require(module: str, feature: str, extra: str) -> ModuleType:
 
     Args:
         module: what to import, such as "pyarrow.parquet".
-        feature: what needs it, as the subject of the message.
+        feature: what needs it, as the subject of the message, in the singular.
         extra: the extra of torchlinf that holds it.
 
     Raises:
         ImportError: the package is not installed.
 
-    >>> require("no_such_package", "Tables in Parquet", "parquet")
+    >>> require("no_such_package", "reading Parquet", "parquet")
     Traceback (most recent call last):
-    ImportError: Tables in Parquet need no_such_package; it is not installed. Run: pip install 'torchlinf[parquet]'
+    ImportError: reading Parquet needs no_such_package; it is not installed. Run: pip install 'torchlinf[parquet]'
     """
     try:
         return import_module(module)
     except ImportError as error:
         package = module.partition(".")[0]
-        verb = "need" if feature.endswith("s") else "needs"
         raise ImportError(
-            f"{feature} {verb} {package}; it is not installed. Run: pip install 'torchlinf[{extra}]'"
+            f"{feature} needs {package}; it is not installed. Run: pip install 'torchlinf[{extra}]'"
         ) from error
