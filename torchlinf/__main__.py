@@ -1,6 +1,6 @@
 """`python -m torchlinf` is the command `torchlinf`."""
 
-from torchlinf.cli.app import main
+from torchlinf.cli import main
 
 if __name__ == "__main__":
     main()
