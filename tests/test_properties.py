@@ -70,7 +70,7 @@ def test_at_every_tolerance_flips_agree_within_the_bounds_of_both(
 @several
 @given(masks(), st.floats(0.5, 50), st.floats(1, 4))
 def test_a_longer_screening_raises_the_field_within_its_bound(mask: Tensor, rho: float, factor: float) -> None:
-    """With s = 1 / rho^2 > s': f' solves the equation of s up to the residual (s' - s) f', so f' / (1 + q) <= f <= f'."""
+    """With s = 1 / rho^2 > s', f' solves the equation of s up to (s' - s) f', so that f' / (1 + q) <= f <= f'."""
     short, long = field(mask, rho), field(mask, rho * factor)
     q = (rho**-2 - (rho * factor) ** -2) * long.max()
     assert (short <= long * (1 + 4e-11)).all()
