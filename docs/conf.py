@@ -28,7 +28,8 @@ myst_heading_anchors = 3
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
-autodoc_preserve_defaults = True
+# Entry points carry the options of the measure in `__signature__`, which is not what their source says.
+autodoc_preserve_defaults = False
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 # A dataclass documents its fields under "Attributes:"; as cross-reference targets they would appear twice.

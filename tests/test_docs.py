@@ -1,5 +1,7 @@
 """What the pages claim about names and numbers, against the code."""
 
+import doctest
+import importlib.util
 import re
 from pathlib import Path
 
@@ -11,6 +13,8 @@ from torchlinf.field.methods import METHODS
 from torchlinf.scoring import COLUMNS, MAX_PIXELS
 
 ROOT = Path(__file__).parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "notes").glob("*.md")])
+WITH_EXAMPLES = [page for page in PAGES if page.name != "README.md" and ">>> " in page.read_text(encoding="utf-8")]
 
 
 def read(path: str) -> str:
@@ -56,11 +60,38 @@ def test_the_command_page_names_the_limit() -> None:
 
 
 def test_links_between_pages_lead_somewhere() -> None:
-    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
-    assert len(pages) >= 6
-    for page in pages:
+    assert len(PAGES) >= 20
+    for page in PAGES:
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+@pytest.mark.parametrize("page", WITH_EXAMPLES, ids=lambda page: page.stem)
+def test_the_examples_of_a_page_run(page: Path) -> None:
+    options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    failed, attempted = doctest.testfile(str(page), module_relative=False, optionflags=options)
+    assert attempted
+    assert not failed
+
+
+def test_pages_with_examples_are_found() -> None:
+    assert {"quickstart", "bits", "limitations", "labels"} <= {page.stem for page in WITH_EXAMPLES}
+
+
+def test_the_page_on_bits_has_the_numbers_of_its_picture() -> None:
+    spec = importlib.util.spec_from_file_location("bits_picture", ROOT / "docs" / "bits_picture.py")
+    picture = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(picture)
+    table = re.findall(
+        r"^\| ([\w ]+) \| (\d\.\d{3}) \| (\d\.\d{3}) \| (\d\.\d{3}) \|$", read("docs/bits.md"), re.MULTILINE
+    )
+    stated = {name: tuple(map(float, numbers)) for name, *numbers in table}
+    shapes = picture.silhouettes()
+    assert list(stated) == list(shapes)
+    for name, mask in shapes.items():
+        profile = torchlinf.complexity_profile(mask, spatial_ndim=2)
+        found = [profile.mean(low, high).item() for low, high in ((0.0, 1.0), (0.0, 0.25), (0.25, 1.0))]
+        assert stated[name] == pytest.approx(found, abs=5.1e-4), name
 
 
 def test_every_experiment_of_the_paper_is_on_its_page() -> None:
