@@ -1,7 +1,9 @@
 """What the pages claim about names and numbers, against the code."""
 
+import dataclasses
 import doctest
 import importlib.util
+import inspect
 import re
 from pathlib import Path
 
@@ -57,6 +59,30 @@ def test_the_command_page_explains_every_column(column: str) -> None:
 
 def test_the_command_page_names_the_limit() -> None:
     assert f"{MAX_PIXELS:,}" in read("docs/command.md")
+
+
+@pytest.mark.parametrize(
+    "module",
+    ["losses", "metrics", "regions", "transforms", "samplers", "labels", "order", "decompose", "plot", "scoring", ""],
+)
+def test_options_are_keyword_only_as_the_api_page_says(module: str) -> None:
+    assert "Options are keyword-only." in read("docs/api.md")
+    home = getattr(torchlinf, module) if module else torchlinf
+    public = {name: getattr(home, name) for name in getattr(home, "__all__", ["ComplexitySampler"])}
+    records = (
+        inspect.ismodule,
+        dataclasses.is_dataclass,
+        lambda one: isinstance(one, type) and issubclass(one, (int, Exception)),
+    )
+    checked = {
+        name: one for name, one in public.items() if callable(one) and not any(record(one) for record in records)
+    }
+    assert checked
+    for name, one in checked.items():
+        for option in inspect.signature(one).parameters.values():
+            by_position = option.kind is option.POSITIONAL_OR_KEYWORD and option.default is not option.empty
+            # Where the regions are is data, but a loss for planes has it in each call.
+            assert not by_position or option.name == "bounds", f"{module}.{name}: {option}"
 
 
 def test_links_between_pages_lead_somewhere() -> None:
