@@ -93,6 +93,12 @@ def test_links_between_pages_lead_somewhere() -> None:
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
 
 
+def test_pages_that_the_code_names_exist() -> None:
+    for module in sorted((ROOT / "torchlinf").rglob("*.py")):
+        for page in re.findall(r"\bdocs/(\w+)", module.read_text(encoding="utf-8")):
+            assert (ROOT / "docs" / f"{page}.md").exists(), f"{module.relative_to(ROOT)} names docs/{page}"
+
+
 @pytest.mark.parametrize("page", WITH_EXAMPLES, ids=lambda page: page.stem)
 def test_the_examples_of_a_page_run(page: Path) -> None:
     options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
