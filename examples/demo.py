@@ -21,7 +21,9 @@ Mask = NDArray[np.bool_]
 def main() -> None:
     parser = argparse.ArgumentParser(description="Score real shapes beside a square and a disc.")
     parser.add_argument("--out", type=Path, default=Path("demo"), help="folder for what is written")
-    parser.add_argument("--docs", action="store_true", help="also write the README's picture, docs/images/demo.png")
+    parser.add_argument(
+        "--docs", action="store_true", help="also write the picture of the method, docs/images/demo.png"
+    )
     options = parser.parse_args()
     sources = scoring.find_masks(save_masks(options.out / "masks"))
     score(sources, options.out / "scores.csv")
