@@ -9,7 +9,6 @@ from torch import Tensor
 import torchlinf
 from torchlinf import shapes
 from torchlinf.losses import ShapeComplexityLoss
-from torchlinf.losses.shape_loss import WORST
 
 
 def bumpy(margin: int = 4) -> Tensor:
@@ -39,7 +38,7 @@ def test_the_value_is_the_hard_complexity() -> None:
     there = ~expected.isnan()
     assert there.sum() == 5
     torch.testing.assert_close(found[there], expected[there].float())
-    assert found[~there].tolist() == [WORST]
+    assert found[~there].tolist() == [10.0]
 
 
 def test_reductions_and_weights() -> None:
@@ -98,7 +97,7 @@ def test_an_empty_shape_is_never_rewarded() -> None:
     loss = ShapeComplexityLoss()
     assert loss(empty) > torchlinf.complexity(bumpy(), spatial_ndim=2)
     assert not gradient(loss, empty).any()
-    # All moves that would leave less than half of it are left out: none pushes the two pixels out together.
+    # All flips that would leave less than half of it are left out: none pushes the two pixels out together.
     assert bool((gradient(loss, tiny).flatten(2).sum(dim=2) <= 0).all())
 
 
@@ -188,7 +187,7 @@ def test_the_number_of_threads_does_not_matter() -> None:
 
 @pytest.mark.parametrize("keep_area", [False, True])
 def test_gradients_turn_with_the_shapes(keep_area: bool) -> None:
-    """The same choice of moves for flipped and swapped input, or descent would favour a direction."""
+    """The same choice of regions for flipped and swapped input, or descent would favour a direction."""
     loss = ShapeComplexityLoss(activation="sigmoid", keep_area=keep_area)
     logits = (6 * batch() - 3).double()
     straight = gradient(loss, logits)
@@ -288,7 +287,7 @@ def test_the_operator_keeps_its_promises() -> None:
         ({"weight": [[1.0]]}, ValueError, "weight must be"),
         ({"threshold": 1.0}, ValueError, "threshold must lie"),
         ({"threshold": "half"}, TypeError, "threshold must be"),
-        ({"max_moves": 0}, ValueError, "max_moves must be"),
+        ({"max_flips": 0}, ValueError, "max_flips must be"),
     ],
 )
 def test_wrong_options(options: dict[str, object], error: type[Exception], words: str) -> None:
