@@ -21,7 +21,8 @@ import torch
 from torch import Tensor, nn
 from torch.utils.data import DataLoader
 
-from torchlinf.transforms import ComplexitySampler, ShapeComplexityScored
+from torchlinf.samplers import ComplexitySampler
+from torchlinf.transforms import ShapeComplexityScored
 
 SIZE, BATCH, EPOCHS = 32, 16, 8
 SEEDS = range(10 if "--full" in sys.argv else 3)

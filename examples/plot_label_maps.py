@@ -41,7 +41,7 @@ for i in np.argsort(table["complexity"])[[0, 1, 2, -3, -2, -1]]:
 # %%
 # Every object in the colour of its number. Of digital discs the larger ones have the higher complexity, since there are
 # more levels to depart from a square on; so the three numbers printed are two of the largest coins, and a small one
-# that is nicked. What touches the frame is flagged in the table, and hatched here: part of
+# that is nicked. What touches the border of the map is flagged in the table, and hatched here: part of
 # it may be cut off, and a straight cut makes a shape simpler or more complex than it is.
 
 
@@ -53,7 +53,7 @@ def paint(
     values[table["label"]] = table["complexity"]
     ax.imshow(image, cmap="gray")
     drawn = ax.imshow(np.ma.masked_invalid(values[label_map]), cmap="viridis", alpha=0.75, interpolation="nearest")
-    cut = np.isin(label_map, table["label"][table["touches_frame"]])
+    cut = np.isin(label_map, table["label"][table["touches_border"]])
     if cut.any():
         ax.contourf(cut, levels=[0.5, 1.5], colors="none", hatches=["////"])
     ax.contour(label_map > 0, levels=[0.5], colors="white", linewidths=0.5)
@@ -81,7 +81,7 @@ seed_map = np.zeros(mask.shape, dtype=int)
 seed_map[tuple(seeds.T)] = np.arange(1, len(seeds) + 1)
 nucleus_map = segmentation.watershed(-depth, seed_map, mask=mask)
 nuclei = complexity_table(nucleus_map, windows=windows, properties=["area", "solidity"])
-print(f"{len(nuclei['label'])} nuclei, {nuclei['touches_frame'].sum()} of them at the frame")
+print(f"{len(nuclei['label'])} nuclei, {nuclei['touches_border'].sum()} of them at the border")
 
 # %%
 # Solidity, the share that a shape fills of its convex hull, sees dents. The complexity sees every departure from a
@@ -90,10 +90,10 @@ print(f"{len(nuclei['label'])} nuclei, {nuclei['touches_frame'].sum()} of them a
 
 fig, (left, right) = plt.subplots(1, 2, figsize=(11, 5), layout="constrained", width_ratios=[1.15, 1])
 fig.colorbar(paint(left, tissue, nucleus_map, nuclei), ax=left, label="complexity (bits)", shrink=0.9)
-whole = ~nuclei["touches_frame"] & (nuclei["radius"] >= 5)
-for chosen, look in ((whole, {"color": "#332288"}), (nuclei["touches_frame"], {"color": "#999933", "marker": "x"})):
+whole = ~nuclei["touches_border"] & (nuclei["radius"] >= 5)
+for chosen, look in ((whole, {"color": "#332288"}), (nuclei["touches_border"], {"color": "#999933", "marker": "x"})):
     right.scatter(nuclei["solidity"][chosen], nuclei["complexity"][chosen], s=18, **look)
-right.legend(["whole, radius 5 pixels or more", "at the frame"], frameon=False)
+right.legend(["whole, radius 5 pixels or more", "at the border"], frameon=False)
 right.set(xlabel="solidity (share of the convex hull)", ylabel="complexity (bits)")
 right.spines[["top", "right"]].set_visible(False)
 plt.show()

@@ -70,7 +70,7 @@ class Segmenter(LightningModule):
         for inputs, step in ((1, 1), (12, 2), (12, 4), (12, 1)):  # dilated, so as to see whole appendages
             layers += [nn.Conv2d(inputs, 12, 3, padding=step, dilation=step), nn.BatchNorm2d(12), nn.ReLU()]
         self.network = nn.Sequential(*layers, nn.Conv2d(12, 1, 3, padding=1))
-        self.regulariser = ShapeComplexityLoss(weight=weight, activation="sigmoid", keep_area=True, max_moves=8)
+        self.regulariser = ShapeComplexityLoss(weight=weight, activation="sigmoid", max_flips=8)
         self.complexities = nn.ModuleDict(
             {f"{stage}_complexity": ShapeComplexity(1, threshold=0.0) for stage in STAGES}
         )

@@ -2,9 +2,9 @@
 Shapes that become simpler
 ==========================
 
-The pixels of an image as free parameters, and one loss: the complexity of the shape. Its gradient comes from exact
-moves (:class:`torchlinf.losses.ShapeComplexityLoss`), so that bumps go as a whole, and what is printed is the hard
-complexity all along.
+The pixels of an image as free parameters, and one loss: the complexity of the shape. Its gradient is a finite
+difference under flips of whole regions (:class:`torchlinf.losses.ShapeComplexityLoss`), so that bumps go as a whole.
+What is printed is the hard complexity all along.
 
 Run with ``--full`` for more steps.
 """
@@ -54,7 +54,8 @@ starts = {"grown square": noisy, "disc": shapes.disc(24, margin=4), "horse": hor
 weights = {"grown square": 1.0, "disc": 0.2, "horse": 0.04}
 
 # %%
-# The pixels are logits; Adam takes the steps.
+# The pixels are logits; Adam takes the steps. ``keep_area=False``, since here the blocks have to go, and nothing has to
+# take their area; the default, ``True``, is for networks, which would learn to shrink everything.
 
 
 def simplify(shape: Tensor, weight: float, rate: float = 0.06) -> list[Tensor]:
@@ -62,7 +63,7 @@ def simplify(shape: Tensor, weight: float, rate: float = 0.06) -> list[Tensor]:
     target = shape[None, None].float()
     logits = (4 * target - 2).requires_grad_()
     optimiser = torch.optim.Adam([logits], lr=rate)
-    regulariser = ShapeComplexityLoss(weight=weight, activation="sigmoid", max_moves=48)
+    regulariser = ShapeComplexityLoss(weight=weight, activation="sigmoid", max_flips=48, keep_area=False)
     path = [shape]
     for _ in range(STEPS):
         loss = torch.nn.functional.binary_cross_entropy_with_logits(logits, target) + regulariser(logits)

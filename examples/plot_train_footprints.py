@@ -161,9 +161,7 @@ for seed in SEEDS:
     for name in results:
         network.load_state_dict(weights)
         torch.manual_seed(1000 + seed)
-        regulariser = ShapeComplexityLoss(
-            weight=0.06, activation="softmax", include_background=False, keep_area=True, max_moves=16
-        )
+        regulariser = ShapeComplexityLoss(weight=0.06, activation="softmax", include_background=False)
         train(network, LAST_STEPS, regulariser if name == "with" else None, rate=4e-3)
         shown[name] = predict(network)
         results[name].append(score(shown[name]))

@@ -66,19 +66,19 @@ plt.show()
 # %%
 # Now cut. An appendage that is narrower than its body cannot hold the largest squares of the body, so the union of all
 # squares of a side ends where the appendage was joined. These cuts are tried for every size of square, the parts are
-# solved again, exactly, and cut in turn; of the tree of cuts the parts of least total complexity remain. Boxes on
-# boxes come apart, with total zero. A floor plan is made of boxes too: four rooms, and doorways that are
+# solved again, exactly, and cut in turn; of the tree of cuts the parts of least complexity in all remain. Boxes on
+# boxes come apart, with a sum of zero. A floor plan is made of boxes too: four rooms, and doorways that are
 # parts of their own.
 
 
-def draw_parts(ax: Axes, name: str, mask: Tensor, found: decompose.Decomposition, total: str = "sum") -> None:
+def draw_parts(ax: Axes, name: str, mask: Tensor, found: decompose.Decomposition, objective: str = "sum") -> None:
     """Parts side by side in the colours of their numbers, ten colours in turn, with what was gained."""
     numbers = np.where(mask, (found.label_map - 1) % len(plot.COLOURS), np.nan)
     ax.imshow(numbers, cmap=ListedColormap(plot.COLOURS), vmin=-0.5, vmax=9.5, interpolation="nearest")
     ax.set(xlabel="column (pixels)", ylabel="row (pixels)")
     parts = "part" if found.num_parts == 1 else "parts"
     ax.set_title(
-        f"{name}\n{found.before:.2f} bits; {found.num_parts} {parts}, {total} {found.after:.2f} bits", fontsize=10
+        f"{name}\n{found.before:.2f} bits; {found.num_parts} {parts}, {objective} {found.after:.2f} bits", fontsize=10
     )
 
 
@@ -93,17 +93,17 @@ plt.show()
 
 # %%
 # What is not made of boxes falls into very many. The sum does become lower, for the horse from more than five bits to
-# next to nothing, but by a mosaic. A price for every part says what a part must save, and with a small one the horse
+# next to nothing, but by a mosaic. A penalty per part says what a part must save, and with a small one the horse
 # stays whole: no few parts of it have a lower sum. That is no failure of the search alone. Entropy counts how many
 # values a level has, and half of a horse has nearly as many as a horse.
 #
-# Their mean over the area, which is what a pixel sees on average, is lowered by few parts. ``total="mean"`` asks
-# for that, and with a price the parts become trunk, neck, head and legs, cut like boxes.
+# Their mean over the area, which is what a pixel sees on average, is lowered by few parts. ``objective="mean"`` asks
+# for that, and with a penalty the parts become trunk, neck, head and legs, cut like boxes.
 
 fig, axes = plt.subplots(2, 2, figsize=(10, 8.4), layout="constrained")
-for ax, (total, price) in zip(axes.flat, [("sum", 0.0), ("sum", 0.1), ("mean", 0.1), ("mean", 0.3)], strict=True):
-    found = decompose.parts(horse, total=total, price=price, spatial_ndim=2)
-    draw_parts(ax, f'total="{total}", price={price}', horse, found, total)
+for ax, (objective, penalty) in zip(axes.flat, [("sum", 0.0), ("sum", 0.1), ("mean", 0.1), ("mean", 0.3)], strict=True):
+    found = decompose.parts(horse, objective=objective, penalty_per_part=penalty, spatial_ndim=2)
+    draw_parts(ax, f'objective="{objective}", penalty_per_part={penalty}', horse, found, objective)
 plt.show()
 
 # %%
@@ -114,7 +114,7 @@ plt.show()
 
 rooms = joined["floor plan with an obstacle"]
 fig, axes = plt.subplots(1, 2, figsize=(10, 5.2), layout="constrained")
-for ax, (name, mask, price) in zip(axes, [("floor plan", rooms, 0.0), ("horse", horse, 0.02)], strict=True):
-    found = decompose.parts(mask, total="mean", price=price, candidates="watershed", spatial_ndim=2)
+for ax, (name, mask, penalty) in zip(axes, [("floor plan", rooms, 0.0), ("horse", horse, 0.02)], strict=True):
+    found = decompose.parts(mask, objective="mean", penalty_per_part=penalty, candidates="watershed", spatial_ndim=2)
     draw_parts(ax, f"{name}, watersheds of f", mask, found, "mean")
 plt.show()

@@ -115,18 +115,26 @@ def test_the_version_has_three_numbers() -> None:
         (shapes.with_appendages, "(sides, appendages, *, margin=0)"),
         (shapes.cube_with_appendages, "(side, appendage_side, faces, *, margin=0)"),
         (
+            torchlinf.losses.ShapeComplexityLoss,
+            "(*, weight=1.0, activation=None, reduction='mean', include_background=True, keep_area=True, "
+            "threshold=0.5, max_flips=16, deformations=False, low=0.0, high=1.0, bins=1024, estimator='entropy', "
+            "rho=None, tol=1e-09)",
+        ),
+        (
             torchlinf.metrics.ShapeComplexity,
-            "(num_classes, *, low=0.0, high=1.0, windows=None, threshold=None, input_format='one-hot', "
-            "average='macro', include_background=True, ignore_index=None, empty='worst', bins=1024, "
-            "estimator='entropy', tol=1e-09, **kwargs)",
+            "(num_classes, *, threshold=None, input_format='one-hot', average='macro', include_background=True, "
+            "ignore_index=None, empty='worst', low=0.0, high=1.0, windows=None, bins=1024, estimator='entropy', "
+            "rho=None, tol=1e-09, **kwargs)",
         ),
         (
             torchlinf.transforms.ShapeComplexityScore,
-            "(low=0.0, high=1.0, *, threshold=None, spatial_ndim=2, bins=1024, estimator='entropy', tol=1e-09)",
+            "(*, threshold=None, spatial_ndim=2, dtype=None, low=0.0, high=1.0, windows=None, bins=1024, "
+            "estimator='entropy', rho=None, tol=1e-09)",
         ),
         (
             torchlinf.transforms.ShapeComplexityScored,
-            "(keys, *, postfix='complexity', allow_missing_keys=False, **kwargs)",
+            "(keys, *, postfix='complexity', allow_missing_keys=False, threshold=None, spatial_ndim=2, dtype=None, "
+            "low=0.0, high=1.0, windows=None, bins=1024, estimator='entropy', rho=None, tol=1e-09)",
         ),
         (
             torchlinf.samplers.ComplexitySampler,
@@ -158,7 +166,8 @@ def test_the_version_has_three_numbers() -> None:
         (torchlinf.regions.bounds_around, "(X, *, eps=1.0)"),
         (
             torchlinf.decompose.parts,
-            "(mask, *, price=0.0, total='sum', candidates='openings', low=0.0, high=1.0, tol=1e-09, spatial_ndim=None)",
+            "(mask, *, penalty_per_part=0.0, objective='sum', candidates='openings', spatial_ndim=None, low=0.0, "
+            "high=1.0, bins=1024, estimator='entropy', rho=None, tol=1e-09)",
         ),
         (
             torchlinf.scoring.distributed.ScoreMasks,
@@ -172,8 +181,8 @@ def test_the_version_has_three_numbers() -> None:
         (torchlinf.scoring.distributed.connected, "(address='local', *, workers=None)"),
         (
             torchlinf.labels.complexity_table,
-            "(label_map, *, windows=None, properties=(), intensity_image=None, spacing=None, bins=1024, "
-            "estimator='entropy', tol=1e-09)",
+            "(label_map, *, properties=(), intensity_image=None, spacing=None, low=0.0, high=1.0, windows=None, "
+            "bins=1024, estimator='entropy', rho=None, tol=1e-09)",
         ),
     ],
 )

@@ -1,4 +1,4 @@
-"""Parts: they partition the shape, their total is never higher, boxes joined to boxes fall apart into boxes."""
+"""Parts: they partition the shape, their objective is never higher, boxes joined to boxes fall apart into boxes."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,6 +14,7 @@ from torchlinf import complexity, shapes
 from torchlinf.decompose import parts
 from torchlinf.decompose.cut_candidates import CANDIDATES
 from torchlinf.labels import complexity_table
+from torchlinf.measure import Measure
 from torchlinf.shapes import Appendage
 
 LADDER = [Appendage("right", 24, 12), Appendage("top", 16, 12), Appendage("left", 8, 12)]
@@ -58,14 +59,16 @@ def test_the_cuts_are_where_the_appendages_were_joined() -> None:
 
 
 @pytest.mark.parametrize("candidates", ["openings", "watershed"])
-@pytest.mark.parametrize("total", ["sum", "mean"])
+@pytest.mark.parametrize("objective", ["sum", "mean"])
 @pytest.mark.parametrize("size", [(50,), (21, 34), (7, 9, 8), (4, 5, 4, 5)])
-def test_parts_partition_the_shape_and_lower_the_total(size: tuple[int, ...], total: str, candidates: str) -> None:
+def test_parts_partition_the_shape_and_lower_the_objective(
+    size: tuple[int, ...], objective: str, candidates: str
+) -> None:
     masks = random_batch(len(size), 4, size).reshape(2, 2, *size)
-    found = parts(masks, total=total, price=0.05, candidates=candidates)
+    found = parts(masks, objective=objective, penalty_per_part=0.05, candidates=candidates)
     assert torch.equal(found.label_map > 0, masks)
     for mask in masks.flatten(0, 1).numpy():
-        for cut in CANDIDATES[candidates](mask, 0.0, 1.0) if mask.any() else ():
+        for cut in CANDIDATES[candidates](mask, Measure()) if mask.any() else ():
             assert np.array_equal(cut > 0, mask)
             assert all(ndimage.label(cut == i)[1] == 1 for i in range(1, cut.max() + 1))
     torch.testing.assert_close(found.before, complexity(masks), rtol=0, atol=1e-12, equal_nan=True)
@@ -79,7 +82,7 @@ def test_parts_partition_the_shape_and_lower_the_total(size: tuple[int, ...], to
             table = complexity_table(found.label_map[b, c])
             areas = np.bincount(found.label_map[b, c].numpy().ravel())[1:]
             assert (np.diff(areas) <= 0).all()
-            weight = np.ones(count) if total == "sum" else areas / areas.sum()
+            weight = np.ones(count) if objective == "sum" else areas / areas.sum()
             assert found.after[b, c].item() == pytest.approx(table["complexity"] @ weight, abs=1e-12)
             assert found.after[b, c] + 0.05 * (count - 1) <= found.before[b, c]
             if count > 1:
@@ -87,7 +90,37 @@ def test_parts_partition_the_shape_and_lower_the_total(size: tuple[int, ...], to
                 assert all(ndimage.label(piece)[1] == 1 for piece in pieces(found.label_map[b, c]))
 
 
-def test_random_shapes_do_get_simpler_without_a_price() -> None:
+@pytest.mark.parametrize("candidates", ["openings", "watershed"])
+@pytest.mark.parametrize("options", [{"estimator": "std", "low": 0.1}, {"bins": 32, "rho": 3.0}, {"tol": 1e-4}])
+def test_the_options_of_the_measure_reach_the_parts(options: dict[str, Any], candidates: str) -> None:
+    masks = random_batch(12, 4, (21, 34))[:, None]
+    found = parts(masks, objective="mean", candidates=candidates, **options)
+    assert found.measure == Measure(**options)
+    torch.testing.assert_close(found.before, complexity(masks, **options), rtol=0, atol=1e-12, equal_nan=True)
+    assert (found.num_parts > 1).any()
+    for i in range(4):
+        table = complexity_table(found.label_map[i, 0], properties=["area"], **options)
+        expected = table["complexity"] @ (table["area"] / table["area"].sum())
+        assert found.after[i, 0].item() == pytest.approx(expected, abs=1e-12)
+        assert found.after[i, 0] <= found.before[i, 0]
+
+
+@pytest.mark.parametrize("default", [torch.float16, torch.float64])
+def test_the_default_dtype_does_not_matter(default: torch.dtype) -> None:
+    shape = JOINED["meeting at a corner"]
+    expected = parts(shape, spatial_ndim=2)
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(default)
+    try:
+        found = parts(shape, spatial_ndim=2)
+    finally:
+        torch.set_default_dtype(before)
+    assert torch.equal(found.label_map, expected.label_map)
+    assert found.before.dtype == torch.float64
+    assert found.before == expected.before
+
+
+def test_random_shapes_do_get_simpler_without_a_penalty() -> None:
     masks = random_batch(9, 6, (24, 31))
     found = parts(masks[:, None])
     complex_ones = found.before > 0.1
@@ -119,7 +152,7 @@ def test_components_of_unlike_size_are_parts() -> None:
 @pytest.mark.parametrize("size", [(15, 22), (7, 8, 6)])
 def test_flips_and_axis_swaps_move_the_parts(size: tuple[int, ...]) -> None:
     masks = torch.stack([*random_batch(70 + len(size), 3, size)])[:, None]
-    for options in ({}, {"price": 0.03, "total": "mean"}):
+    for options in ({}, {"penalty_per_part": 0.03, "objective": "mean"}):
         found = parts(masks, **options).label_map
         for axis in range(2, masks.ndim):
             for move in (lambda x, a=axis: x.flip(a), lambda x, a=axis: x.transpose(2, a).flip(2)):
@@ -157,18 +190,18 @@ def test_an_empty_shape_has_no_parts() -> None:
     assert parts(torch.zeros(0, 3, 5, 6)).after.shape == (0, 3)
 
 
-def test_a_price_leaves_whole_what_saves_less() -> None:
+def test_a_penalty_leaves_whole_what_saves_less() -> None:
     shape = JOINED["three widths"]
     whole = float(complexity(shape, spatial_ndim=2))
-    for price, count in ((0.1, 4), (whole * 1.01, 1)):
-        assert parts(shape, price=price, spatial_ndim=2).num_parts == count
-    # Three cuts would save the price each, but one of them does better still.
-    found = parts(shape, price=whole / 3 * 0.99, spatial_ndim=2)
+    for penalty, count in ((0.1, 4), (whole * 1.01, 1)):
+        assert parts(shape, penalty_per_part=penalty, spatial_ndim=2).num_parts == count
+    # Three cuts would save the penalty each, but one of them does better still.
+    found = parts(shape, penalty_per_part=whole / 3 * 0.99, spatial_ndim=2)
     assert found.num_parts == 2
     assert float(found.after) + whole / 3 * 0.99 < 3 * whole / 3 * 0.99
 
 
-def test_the_window_decides_which_joints_count() -> None:
+def test_the_window_decides_which_cuts_count() -> None:
     """An appendage of width w on a body of width W acts up to scale w/W: the two narrow ones not above 1/2."""
     shape = JOINED["three widths"]
     found = parts(shape, low=0.5, spatial_ndim=2)
@@ -179,7 +212,7 @@ def test_the_window_decides_which_joints_count() -> None:
 
 def test_watersheds_part_rooms_and_few_parts_lower_the_mean_but_not_the_sum() -> None:
     plan = shapes.rooms(1, 2, side=33, wall=1, aperture=7)
-    by_mean = parts(plan, total="mean", candidates="watershed", spatial_ndim=2)
+    by_mean = parts(plan, objective="mean", candidates="watershed", spatial_ndim=2)
     assert by_mean.num_parts == 2
     assert by_mean.after < by_mean.before
     assert (by_mean.label_map[:, :33] == by_mean.label_map[0, 0]).logical_or(~plan[:, :33]).all()
@@ -188,9 +221,15 @@ def test_watersheds_part_rooms_and_few_parts_lower_the_mean_but_not_the_sum() ->
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"price": -0.1}, ValueError, r"price must be finite and 0 or more; got -0\.1\. Pass"),
-        ({"price": "a"}, TypeError, r"price must be a number of 0 or more; got 'a'\. Pass"),
-        ({"total": "max"}, ValueError, r"total must be one of 'sum', 'mean'; got 'max'\. Pass"),
+        ({"penalty_per_part": -0.1}, ValueError, r"penalty_per_part must be finite and 0 or more; got -0\.1\. Pass"),
+        ({"penalty_per_part": "a"}, TypeError, r"penalty_per_part must be a number of 0 or more; got 'a'\. Pass"),
+        ({"objective": "max"}, ValueError, r"objective must be one of 'sum', 'mean'; got 'max'\. Pass"),
+        ({"objective": 1}, TypeError, r"objective must be one of 'sum', 'mean'; got 1\. Pass"),
+        ({"bins": 0}, ValueError, r"bins must be an integer of 1 or more; got 0\. Pass"),
+        ({"estimator": "mean"}, ValueError, r"estimator must be one of 'entropy', 'std'; got 'mean'\. Pass"),
+        ({"rho": torch.ones(1)}, TypeError, r"rho must be None or one number here; got a tensor"),
+        ({"windows": {"a": (0.0, 0.5)}}, TypeError, r"windows is not an option here"),
+        ({"spatial_ndim": 0}, ValueError, r"spatial_ndim must be from 1 to 4; got 0\. Pass"),
         ({"candidates": "x"}, ValueError, r"candidates must be one of 'openings', 'watershed'; got 'x'\. Pass"),
         ({"low": 1.0}, ValueError, r"low and high must obey 0 <= low < high <= 1; got low=1\.0"),
         ({"tol": 0.0}, ValueError, r"tol must be finite and above 0; got 0\.0\. Pass"),

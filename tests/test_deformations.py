@@ -9,8 +9,10 @@ from torch import Tensor
 
 import torchlinf
 from torchlinf import shapes
-from torchlinf.losses import ShapeComplexityLoss, region_flips
+from torchlinf.losses import ShapeComplexityLoss
 from torchlinf.losses.deformations import correct, deformed
+from torchlinf.losses.gradient import finite_difference_gradient
+from torchlinf.measure import Measure
 
 SCALE, STRETCH, SHEAR, ROTATION, FOURTH = range(5)
 BACK, FORTH = 0, 3
@@ -68,7 +70,7 @@ def test_the_fourth_order_leads_from_a_diamond_towards_a_square() -> None:
     assert diagonal[FORTH] - diagonal[BACK] in (4, 5)  # the same on a diagonal, whose pixels are sqrt 2 apart
 
 
-@pytest.mark.parametrize(("size", "number"), [((30,), 1), ((20, 23), 5), ((12, 13, 14), 11)])
+@pytest.mark.parametrize(("size", "number"), [((30,), 1), ((20, 23), 5), ((12, 13, 14), 11), ((6, 7, 6, 7), 20)])
 def test_how_many(size: tuple[int, ...], number: int) -> None:
     shape = np.zeros(size, bool)
     shape[tuple(slice(2, -2) for _ in size)] = True
@@ -86,23 +88,23 @@ def test_the_slope_along_a_steady_deformation_is_its_difference() -> None:
     generator = np.random.default_rng(0)
     lines = generator.random((3, 4, 6, 7)) < 0.5
     values = np.array([[1.0, 1.2, 2.0, 2.5], [3.0, 2.5, 1.0, 1.1], [4.0, 3.0, 3.0, 4.5]])  # the last goes down and up
-    density = generator.normal(size=(6, 7))
-    corrected = correct(density, 1.5, lines, values)
+    gradient = generator.normal(size=(6, 7))
+    corrected = correct(gradient, 1.5, lines, values)
     maps = lines[:, 2:].sum(axis=1).astype(float) - lines[:, :2].sum(axis=1)
     slopes = (maps * corrected).sum(axis=(1, 2))
     assert slopes[:2] == pytest.approx([2.0 + 2.5 - 1.0 - 1.2, 1.0 + 1.1 - 3.0 - 2.5])
     assert abs(slopes[2] - 0.5) > 1e-3
-    change = (corrected - density).ravel()  # the least that does it: a combination of the two maps
+    change = (corrected - gradient).ravel()  # the least that does it: a combination of the two maps
     assert np.linalg.matrix_rank(np.stack([*maps[:2].reshape(2, -1), change]), tol=1e-9) == 2
 
 
 def test_no_correction_without_a_steady_deformation() -> None:
-    density = np.arange(12.0).reshape(3, 4)
-    assert np.array_equal(correct(density, 1.0, np.empty((0, 4, 3, 4), bool), np.empty((0, 4))), density)
+    gradient = np.arange(12.0).reshape(3, 4)
+    assert np.array_equal(correct(gradient, 1.0, np.empty((0, 4, 3, 4), bool), np.empty((0, 4))), gradient)
     lines = np.ones((1, 4, 3, 4), bool)
     lines[0, :2, 0] = False
-    assert np.array_equal(correct(density, 0.0, lines, np.array([[2.0, 1.0, 1.0, 2.0]])), density)
-    assert not np.array_equal(correct(density, 1.0, lines, np.array([[0.0, 1.0, 1.0, 2.0]])), density)
+    assert np.array_equal(correct(gradient, 0.0, lines, np.array([[2.0, 1.0, 1.0, 2.0]])), gradient)
+    assert not np.array_equal(correct(gradient, 1.0, lines, np.array([[0.0, 1.0, 1.0, 2.0]])), gradient)
 
 
 def blobs(*size: int) -> Tensor:
@@ -114,19 +116,19 @@ def blobs(*size: int) -> Tensor:
 
 
 @pytest.mark.parametrize("size", [(25,), (25, 28), (13, 14, 16)])
-def test_the_corrected_density_commutes_with_flips_and_axis_swaps(size: tuple[int, ...]) -> None:
+def test_the_corrected_gradient_commutes_with_flips_and_axis_swaps(size: tuple[int, ...]) -> None:
     probability = blobs(*size)
-    options = {"threshold": 0.5, "low": 0.0, "high": 1.0, "max_moves": 4, "deformations": True}
-    _, density = region_flips.move_gradient(probability, **options)
+    options = {"threshold": 0.5, "max_flips": 4, "deformations": True, "measure": Measure()}
+    _, gradient = finite_difference_gradient(probability, **options)
     if len(size) > 1:
-        plain = region_flips.move_gradient(probability, **{**options, "deformations": False})[1]
-        assert not torch.allclose(density, plain)
+        plain = finite_difference_gradient(probability, **{**options, "deformations": False})[1]
+        assert not torch.allclose(gradient, plain)
     dims = range(1, len(size) + 1)
     for flips in itertools.chain.from_iterable(itertools.combinations(dims, r) for r in dims):
-        mirrored = region_flips.move_gradient(probability.flip(flips), **options)[1]
-        torch.testing.assert_close(mirrored.flip(flips), density)
-    swapped = region_flips.move_gradient(probability.transpose(1, -1), **options)[1]
-    torch.testing.assert_close(swapped.transpose(1, -1), density)
+        mirrored = finite_difference_gradient(probability.flip(flips), **options)[1]
+        torch.testing.assert_close(mirrored.flip(flips), gradient)
+    swapped = finite_difference_gradient(probability.transpose(1, -1), **options)[1]
+    torch.testing.assert_close(swapped.transpose(1, -1), gradient)
 
 
 def test_with_deformations_rounding_the_corners_of_a_superellipse_costs() -> None:

@@ -11,14 +11,14 @@ from torchlinf.losses import ShapeComplexityLoss
 
 
 class Simplifier(nn.Module):
-    """A layer with the loss on top, so that DDP meets the buffers of the loss as well."""
+    """A layer with the loss on top."""
 
     def __init__(self) -> None:
         super().__init__()
         self.layer = nn.Conv2d(1, 2, 3, padding=1)
         nn.init.constant_(self.layer.weight, 0.3)
         nn.init.constant_(self.layer.bias, -1.0)
-        self.loss = ShapeComplexityLoss(weight=[1.0, 0.5], activation="sigmoid", max_moves=6)
+        self.loss = ShapeComplexityLoss(weight=[1.0, 0.5], activation="sigmoid", max_flips=6)
 
     def forward(self, images: Tensor) -> Tensor:
         loss: Tensor = self.loss(self.layer(images))

@@ -271,7 +271,7 @@ def test_linf_field_is_the_field_over_its_maximum() -> None:
         ({"rho": -1.0}, ValueError, r"rho must be finite and above 0; got -1\.0\. Pass"),
         ({"rho": float("nan")}, ValueError, "rho must be finite"),
         ({"rho": torch.tensor([1.0, 0.0])}, ValueError, r"rho must be finite and above 0; got 0\.0"),
-        ({"rho": torch.ones(3)}, ValueError, r"rho must broadcast to the leading shape \(1, 2\); got \(3,\)"),
+        ({"rho": torch.ones(3)}, ValueError, r"rho must broadcast to the batch shape \(1, 2\); got \(3,\)"),
         ({"rho": torch.ones(2, dtype=torch.complex64)}, TypeError, "rho must be a real tensor; got torch.complex64"),
         ({"rho": "D"}, TypeError, "rho must be a number above 0; got 'D'"),
         ({"tol": 0}, ValueError, "tol must be finite and above 0; got 0"),

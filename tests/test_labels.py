@@ -13,7 +13,7 @@ from torchlinf.measure import Measure, levels, ragged_profile
 
 
 def label_map(sizes: tuple[int, ...] = (60, 83), seed: int = 3) -> NDArray[np.int64]:
-    """Boxes with holes, laid over each other: objects of all forms, some in pieces, some cut off by the frame."""
+    """Boxes with holes, laid over each other: objects of all forms, some in pieces, some cut off by the border."""
     generator = np.random.default_rng(seed)
     found = np.zeros(sizes, dtype=np.int64)
     for name in range(1, 13):
@@ -38,18 +38,21 @@ def test_every_object_has_the_numbers_that_it_has_alone(sizes: tuple[int, ...]) 
         assert table["radius"][row] == expected.radius
         assert table["complexity"][row] == pytest.approx(float(expected.mean()), abs=1e-9)
         assert table["fine"][row] == pytest.approx(float(expected.mean(0.0, 0.25)), abs=1e-9)
-        assert 0 <= table["error_bound"][row] <= 1e-9
+        assert 0 <= table["field_error_bound"][row] <= 1e-9
     assert len(table["label"]) > 3
     assert table["complexity"].max() > 0.1
 
 
 def test_the_standard_deviation_and_other_bins() -> None:
     found = label_map()
-    for options in ({"estimator": "std"}, {"bins": 64}):
+    for options in ({"estimator": "std"}, {"bins": 64}, {"rho": 2.5, "low": 0.2, "high": 0.9, "tol": 1e-6}):
         table = complexity_table(found, **options)
         masks = torch.from_numpy(np.stack([found == name for name in table["label"]]))
         expected = torchlinf.complexity(masks, spatial_ndim=2, **options)
         np.testing.assert_allclose(table["complexity"], expected, rtol=1e-6, atol=1e-9)
+        assert set(table["measure"]) == {torchlinf.Measure(**options).settings()}
+        assert set(table["version"]) == {torchlinf.__version__}
+        assert (table["seconds"] > 0).all()
 
 
 @pytest.mark.parametrize(
@@ -72,7 +75,7 @@ def test_labels_may_be_huge_and_have_gaps(names: list[int], dtype: type) -> None
     table, expected = complexity_table(named, properties=["area"]), complexity_table(plain, properties=["area"])
     assert table["label"].dtype == dtype
     assert table["label"].tolist() == sorted(names)
-    for column in ("area", "radius", "complexity", "touches_frame"):
+    for column in ("area", "radius", "complexity", "touches_border"):
         np.testing.assert_array_equal(table[column], expected[column][order])
 
 
@@ -86,19 +89,20 @@ def test_neither_byte_order_nor_layout_matters() -> None:
         table = complexity_table(other)
         assert list(table) == list(expected)
         for name, column in expected.items():
-            np.testing.assert_array_equal(table[name], column)
+            if name != "seconds":
+                np.testing.assert_array_equal(table[name], column)
     frozen = found.copy()
     frozen.flags.writeable = False
     assert complexity_table(frozen)["complexity"].tolist() == expected["complexity"].tolist()
 
 
-def test_what_touches_the_frame_is_flagged() -> None:
+def test_what_touches_the_border_is_flagged() -> None:
     found = np.zeros((20, 31), dtype=np.int32)
     found[0:4, 5:9], found[8:12, 0:5], found[16:20, 8:12], found[6:11, 26:31], found[6:12, 9:20] = 1, 2, 3, 4, 5
-    assert complexity_table(found)["touches_frame"].tolist() == [True, True, True, True, False]
+    assert complexity_table(found)["touches_border"].tolist() == [True, True, True, True, False]
     volume = np.zeros((6, 8, 10), dtype=np.int32)
     volume[0:3, 2:4, 2:4], volume[2:5, 2:7, 6:9] = 1, 2
-    assert complexity_table(volume)["touches_frame"].tolist() == [True, False]
+    assert complexity_table(volume)["touches_border"].tolist() == [True, False]
 
 
 @pytest.mark.parametrize("sizes", [(60, 83), (14, 17, 21)])
@@ -118,6 +122,9 @@ def test_properties_of_scikit_image_stand_beside(sizes: tuple[int, ...]) -> None
 @pytest.mark.parametrize("empty", [np.zeros((5, 9), np.int64), np.zeros((0, 9), np.int64), np.zeros((4, 5, 6), int)])
 def test_a_map_without_objects_has_no_rows(empty: NDArray[np.int64]) -> None:
     table = complexity_table(empty)
+    assert list(table) == [
+        "label", "radius", "complexity", "touches_border", "field_error_bound", "seconds", "version", "measure",
+    ]  # fmt: skip
     assert {len(column) for column in table.values()} == {0}
     assert table["complexity"].dtype == np.float64
     assert table["label"].dtype == empty.dtype
@@ -125,7 +132,7 @@ def test_a_map_without_objects_has_no_rows(empty: NDArray[np.int64]) -> None:
 
 def test_a_map_that_is_one_object() -> None:
     table = complexity_table(np.full((6, 9), 4))
-    assert (table["complexity"], table["radius"], table["touches_frame"]) == ([0.0], [3], [True])
+    assert (table["complexity"], table["radius"], table["touches_border"]) == ([0.0], [3], [True])
 
 
 @pytest.mark.parametrize(
@@ -152,11 +159,23 @@ def test_what_is_no_label_map(found: NDArray[np.int64], error: type[Exception], 
     ("options", "error", "words"),
     [
         ({"windows": {"fine": (0.5, 0.5)}}, ValueError, "low < high"),
-        ({"windows": {"radius": (0.0, 0.5)}}, ValueError, "must name one column or more"),
-        ({"windows": {"area": (0.0, 0.5)}, "properties": ["area"]}, ValueError, "must name one column or more"),
-        ({"windows": {}}, ValueError, "must name one column or more"),
-        ({"properties": ["arena"]}, AttributeError, "arena"),
-        ({"properties": ["intensity_mean"]}, AttributeError, "intensity"),
+        ({"windows": {"radius": (0.0, 0.5)}}, ValueError, r"names of other columns; got \['radius'\]"),
+        ({"windows": {"area": (0.0, 0.5)}, "properties": ["area"]}, ValueError, r"other columns; got \['area'\]"),
+        (
+            {"windows": {"centroid-0": (0.0, 0.5)}, "properties": ["centroid"]},
+            ValueError,
+            r"other columns; got \['centroid-0'\]",
+        ),
+        ({"windows": {}}, ValueError, "windows must name"),
+        ({"windows": {"fine": (0.0, 0.5)}, "high": 0.5}, ValueError, "instead of low and high"),
+        ({"rho": torch.ones(2)}, TypeError, "rho must be None or one number"),
+        ({"properties": "area"}, TypeError, "properties must be a list of names"),
+        ({"properties": [3]}, TypeError, "properties must be a list of names"),
+        ({"properties": ["arena"]}, ValueError, r"properties must be names.*got \['arena'\]"),
+        ({"properties": ["intensity_mean"]}, ValueError, "intensity_image stand beside"),
+        ({"properties": ["area"], "spacing": 2.0}, TypeError, "spacing must hold one number for each of the 2 axes"),
+        ({"properties": ["area"], "spacing": (1.0, 0.0)}, ValueError, "spacing must be finite and above 0"),
+        ({"intensity_image": np.zeros((3, 4))}, ValueError, "intensity_image must have the shape of label_map"),
         ({"tol": 0.0}, ValueError, "tol must be"),
         ({"estimator": "mean"}, ValueError, "estimator must be"),
         ({"bins": 0}, ValueError, "bins must be"),

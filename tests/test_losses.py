@@ -1,7 +1,12 @@
 """ShapeComplexityLoss: its value is the hard complexity, its gradient moves boundaries."""
 
+import copy
+import math
+import pickle
 from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -9,7 +14,8 @@ from torch import Tensor
 import torchlinf
 from torchlinf import shapes
 from torchlinf.losses import ShapeComplexityLoss
-from torchlinf.losses.shape_loss import WORST
+from torchlinf.losses.gradient import region_flip_gradient
+from torchlinf.losses.region_flips import differences
 
 
 def bumpy(margin: int = 4) -> Tensor:
@@ -39,7 +45,7 @@ def test_the_value_is_the_hard_complexity() -> None:
     there = ~expected.isnan()
     assert there.sum() == 5
     torch.testing.assert_close(found[there], expected[there].float())
-    assert found[~there].tolist() == [WORST]
+    assert found[~there].tolist() == [10.0]
 
 
 def test_reductions_and_weights() -> None:
@@ -81,7 +87,7 @@ def test_descent_removes_the_appendages() -> None:
 def test_steps_along_the_gradient_lower_the_hard_complexity() -> None:
     shape = bumpy()
     logits = (4.0 * shape - 2.0)[None, None].requires_grad_()
-    loss = ShapeComplexityLoss(activation="sigmoid", reduction="sum")
+    loss = ShapeComplexityLoss(activation="sigmoid", reduction="sum", keep_area=False)
     optimiser = torch.optim.Adam([logits], lr=0.3)
     before = loss(logits).item()
     for _ in range(12):
@@ -98,7 +104,7 @@ def test_an_empty_shape_is_never_rewarded() -> None:
     loss = ShapeComplexityLoss()
     assert loss(empty) > torchlinf.complexity(bumpy(), spatial_ndim=2)
     assert not gradient(loss, empty).any()
-    # All moves that would leave less than half of it are left out: none pushes the two pixels out together.
+    # All flips that would leave less than half of it are left out: none pushes the two pixels out together.
     assert bool((gradient(loss, tiny).flatten(2).sum(dim=2) <= 0).all())
 
 
@@ -138,13 +144,13 @@ def test_under_autocast() -> None:
 
 def test_with_keep_area_a_common_shift_of_the_logits_is_worth_nothing() -> None:
     logits = 6 * batch() - 3
-    free = gradient(ShapeComplexityLoss(activation="sigmoid"), logits)
-    kept = gradient(ShapeComplexityLoss(activation="sigmoid", keep_area=True), logits)
+    free = gradient(ShapeComplexityLoss(activation="sigmoid", keep_area=False), logits)
+    kept = gradient(ShapeComplexityLoss(activation="sigmoid"), logits)  # the default
     assert free.sum((2, 3)).abs().max() > 1e-3
     assert kept.sum((2, 3)).abs().max() < 1e-6
     assert kept.any()
     binary = (logits > 0).float()  # in doubt nowhere: there is nothing to balance with
-    assert torch.equal(gradient(ShapeComplexityLoss(keep_area=True), binary), gradient(ShapeComplexityLoss(), binary))
+    assert torch.equal(gradient(ShapeComplexityLoss(), binary), gradient(ShapeComplexityLoss(keep_area=False), binary))
     mask = torch.ones(2, 1, 25, 28, dtype=torch.bool)
     mask[..., 14:] = False
     half = gradient(lambda x: ShapeComplexityLoss(activation="sigmoid", keep_area=True)(x, None, mask), logits)
@@ -156,7 +162,7 @@ def test_masked_pixels_get_no_gradient_and_keep_the_value() -> None:
     probability = batch()
     mask = torch.ones(2, 1, 25, 28, dtype=torch.bool)
     mask[..., :, 14:] = False
-    loss = ShapeComplexityLoss()
+    loss = ShapeComplexityLoss(keep_area=False)
     torch.testing.assert_close(loss(probability, None, mask), loss(probability))
     slope = gradient(lambda p: loss(p, None, mask), probability)
     assert not slope[..., 14:].any()
@@ -188,7 +194,7 @@ def test_the_number_of_threads_does_not_matter() -> None:
 
 @pytest.mark.parametrize("keep_area", [False, True])
 def test_gradients_turn_with_the_shapes(keep_area: bool) -> None:
-    """The same choice of moves for flipped and swapped input, or descent would favour a direction."""
+    """The same choice of regions for flipped and swapped input, or descent would favour a direction."""
     loss = ShapeComplexityLoss(activation="sigmoid", keep_area=keep_area)
     logits = (6 * batch() - 3).double()
     straight = gradient(loss, logits)
@@ -215,13 +221,23 @@ def test_no_nan_anywhere(keep_area: bool) -> None:
     assert bool(torch.isfinite(gradient(extreme, 2000 * probability - 1000)).all())
 
 
+def test_a_mask_of_channels_beside_a_background_that_is_dropped() -> None:
+    probability = batch()
+    mask = torch.zeros(3, 25, 28, dtype=torch.bool)  # without the batch dimension
+    mask[1] = True
+    slope = gradient(lambda p: ShapeComplexityLoss(include_background=False)(p, None, mask), probability)
+    assert slope[:, 1].any()
+    assert not slope[:, [0, 2]].any()
+
+
 def test_labels_to_be_ignored_become_a_mask() -> None:
     probability = batch()
     labels = torch.zeros(2, 25, 28, dtype=torch.long)
     labels[:, :6] = 255
-    slope = gradient(lambda p: ShapeComplexityLoss()(p, None, (labels != 255)[:, None]), probability)
+    loss = ShapeComplexityLoss(keep_area=False)
+    slope = gradient(lambda p: loss(p, None, (labels != 255)[:, None]), probability)
     assert not slope[:, :, :6].any()
-    torch.testing.assert_close(slope[:, :, 6:], gradient(ShapeComplexityLoss(), probability)[:, :, 6:])
+    torch.testing.assert_close(slope[:, :, 6:], gradient(loss, probability)[:, :, 6:])
 
 
 def test_second_derivatives_see_a_constant_gradient() -> None:
@@ -243,13 +259,112 @@ def test_strides_do_not_matter() -> None:
     assert wide.item() == pytest.approx(float(torchlinf.complexity(bumpy(), spatial_ndim=2)))
 
 
-def test_one_and_three_dimensions() -> None:
+def cross(ndim: int) -> tuple[Tensor, Tensor]:
+    """A cube (square, ...) of side 6 with a bar of side 2 and depth 2 on one face, and the pixels of the bar."""
+    cube, bar = torch.zeros(2, *[12] * ndim, dtype=torch.bool)
+    cube[(slice(2, 8),) * ndim] = True
+    bar[(slice(8, 10), *[slice(4, 6)] * (ndim - 1))] = True
+    return cube | bar, bar
+
+
+@pytest.mark.parametrize("ndim", [2, 3, 4])
+def test_descent_removes_a_bar_in_two_to_four_dimensions(ndim: int) -> None:
+    shape, bar = cross(ndim)
+    probability = shape[None, None].double()
+    loss = ShapeComplexityLoss()
+    assert loss(probability).item() == float(torchlinf.complexity(shape, spatial_ndim=ndim)) > 0.01
+    slope = gradient(loss, probability)[0, 0]
+    assert bool((slope[bar] > 0).all())
+
+
+def test_a_line_and_five_dimensions() -> None:
     line = torch.tensor([0.9, 0.9, 0.1, 0.9, 0.9, 0.9, 0.9])[None, None]
+    # Of segments of unlike length the complexity is not zero: the field is divided by the largest value of all.
+    expected = torchlinf.complexity(line > 0.5)
+    assert ShapeComplexityLoss()(line).item() == pytest.approx(float(expected))
     assert torch.isfinite(gradient(ShapeComplexityLoss(), line)).all()
-    cube = shapes.cube_with_appendages(8, 3, ["top"], margin=2)[None, None].float()
-    slope = gradient(ShapeComplexityLoss(), cube)
-    top = cube[0, 0].any(dim=2).any(dim=0).nonzero()[0].item()  # the axis of "top" is the second
-    assert bool((slope[0, 0, :, top][cube[0, 0, :, top] > 0] > 0).all())
+    with pytest.raises(ValueError, match="1 to 4 spatial dimensions"):
+        ShapeComplexityLoss()(torch.zeros(1, 1, 2, 2, 2, 2, 2))
+
+
+OPTIONS: list[dict[str, Any]] = [
+    {"low": 0.1, "high": 0.6},
+    {"bins": 32},
+    {"estimator": "std"},
+    {"rho": 3.0},
+    {"estimator": "std", "rho": 1.5, "tol": 1e-4, "high": 0.5},
+]
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+def test_the_options_of_the_measure_reach_value_and_gradient(options: dict[str, Any]) -> None:
+    probability = batch().double()
+    expected = torchlinf.complexity(probability > 0.5, **options)
+    loss = ShapeComplexityLoss(reduction="none", **options)
+    worst = 0.5 if options.get("estimator") == "std" else math.log2(options.get("bins", 1024))
+    torch.testing.assert_close(loss(probability), expected.nan_to_num(worst), rtol=0, atol=0)
+    assert not torch.equal(expected, torchlinf.complexity(probability > 0.5))
+    assert loss.measure == torchlinf.Measure(**options)
+    # The slope along the flip of an appendage, from the loss and from two complexities: the only region here.
+    shape, bar = cross(2)
+    region = [[bar.flatten().nonzero()[:, 0].numpy()]]
+    change = differences(shape[None], region, loss.measure)[1][0][0]
+    both = torchlinf.complexity(torch.stack([shape, shape & ~bar]), spatial_ndim=2, **options)
+    assert change == float(both[1] - both[0])
+    slope = gradient(ShapeComplexityLoss(**options), probability)
+    assert not torch.allclose(slope, gradient(ShapeComplexityLoss(), probability))
+
+
+def test_the_order_of_channels_and_weights_of_every_kind() -> None:
+    probability = batch()
+    expected = ShapeComplexityLoss(weight=[0.0, 2.0, 0.5])(probability)
+    for weight in ((0, 2, 0.5), torch.tensor([0.0, 2.0, 0.5]), np.array([0.0, 2.0, 0.5])):
+        assert ShapeComplexityLoss(weight=weight)(probability) == expected
+    loss = ShapeComplexityLoss(weight=torch.tensor(3.0))
+    assert loss.weight == 3.0
+    loss.half()  # of a model with the loss inside; the weight stays exact
+    loss.weight = 0.06
+    torch.testing.assert_close(loss(probability), 0.06 * ShapeComplexityLoss()(probability))
+    with pytest.raises(ValueError, match="weight must be finite and 0 or more"):
+        loss.weight = -1.0
+
+
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
+def test_low_precision_becomes_float32_before_the_activation(dtype: torch.dtype) -> None:
+    """The sigmoid of a logit of 0.0001 is 1/2 in low precision, which is not above the threshold."""
+    logits = torch.where(bumpy(), 1e-4, -1e-4)[None, None].to(dtype)
+    assert bool((torch.sigmoid(logits) == 0.5).all())
+    expected = torchlinf.complexity(bumpy(), spatial_ndim=2).float()
+    for activation in ("sigmoid", torch.sigmoid):
+        assert ShapeComplexityLoss(activation=activation)(logits) == expected
+    pair = torch.cat([logits, 0 * logits], dim=1)
+    assert ShapeComplexityLoss(activation="softmax", reduction="none")(pair)[0, 0] == expected
+
+
+@pytest.mark.parametrize("activation", [None, "sigmoid", "softmax", torch.tanh])
+def test_it_pickles(activation: Any) -> None:
+    loss = ShapeComplexityLoss(activation=activation, weight=[1.0, 2.0, 0.5], high=0.5, estimator="std")
+    again = pickle.loads(pickle.dumps(loss))
+    assert repr(again) == repr(loss)
+    assert "high=0.5" in repr(loss)
+    assert again(batch().clamp(0, 0.9)) == loss(batch().clamp(0, 0.9))
+    assert copy.deepcopy(loss)(batch().clamp(0, 0.9)) == loss(batch().clamp(0, 0.9))
+
+
+@pytest.mark.parametrize("default", [torch.float16, torch.float64])
+def test_the_default_dtype_does_not_matter(default: torch.dtype) -> None:
+    probability = batch()
+    loss = ShapeComplexityLoss(weight=[0.3, 0.2, 0.1], deformations=True, max_flips=4)
+    expected, slope = loss(probability), gradient(loss, probability)
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(default)
+    try:
+        found, other = loss(probability), gradient(loss, probability)
+    finally:
+        torch.set_default_dtype(before)
+    assert found.dtype == torch.float32
+    assert found == expected
+    assert torch.equal(other, slope)
 
 
 def test_softmax_of_one_channel_is_refused() -> None:
@@ -264,17 +379,22 @@ def test_nan_stays_visible() -> None:
     assert found.isnan().nonzero().tolist() == [[0, 1]]
 
 
-def test_compiled_without_a_graph_break() -> None:
+@pytest.mark.parametrize("options", [{}, *OPTIONS[2:], {"weight": [1.0, 0.5, 2.0], "keep_area": False}])
+def test_compiled_without_a_graph_break(options: dict[str, Any]) -> None:
+    torch.compiler.reset()  # the cases share one function, which may be compiled a few times only
     probability = batch()
-    loss = ShapeComplexityLoss(activation="sigmoid")
+    loss = ShapeComplexityLoss(activation="sigmoid", **options)
     compiled = torch.compile(loss, fullgraph=True, backend="aot_eager")
     logits = 8 * probability - 4
     torch.testing.assert_close(compiled(logits), loss(logits))
     torch.testing.assert_close(gradient(compiled, logits), gradient(loss, logits))
 
 
-def test_the_operator_keeps_its_promises() -> None:
-    torch.library.opcheck(torchlinf.losses.shape_loss.exact_moves, (batch().flatten(0, 1), 0.5, 0.0, 1.0, 4))
+@pytest.mark.parametrize("rho", [None, 3.0])
+def test_the_operator_keeps_its_promises(rho: float | None) -> None:
+    torch.library.opcheck(
+        region_flip_gradient, (batch().flatten(0, 1), 0.5, 4, False, 0.0, 1.0, 1024, "entropy", rho, 1e-9)
+    )
 
 
 @pytest.mark.parametrize(
@@ -284,11 +404,26 @@ def test_the_operator_keeps_its_promises() -> None:
         ({"activation": "tanh"}, ValueError, "activation must be one of"),
         ({"activation": 3}, TypeError, "activation must be None"),
         ({"reduction": "max"}, ValueError, "reduction must be one of"),
+        ({"low": "a"}, TypeError, "low must be a number"),
+        ({"bins": 0}, ValueError, "bins must be"),
+        ({"estimator": "mean"}, ValueError, "estimator must be one of"),
+        ({"tol": 0.0}, ValueError, "tol must be"),
+        ({"rho": torch.ones(2)}, TypeError, "rho must be None or one number"),
+        ({"rho": -1.0}, ValueError, "rho must be"),
+        ({"windows": {"fine": (0.0, 0.5)}}, TypeError, "windows is not an option here"),
+        ({"max_moves": 3}, TypeError, "max_moves is not an option here"),
+        ({"reduction": 3}, TypeError, "reduction must be one of"),
         ({"weight": -1.0}, ValueError, "weight must be"),
-        ({"weight": [[1.0]]}, ValueError, "weight must be"),
+        ({"weight": [1.0, math.nan]}, ValueError, "weight must be"),
+        ({"weight": [[1.0]]}, TypeError, "weight must be"),
+        ({"weight": "heavy"}, TypeError, "weight must be"),
+        ({"include_background": "no"}, TypeError, "include_background must be True or False"),
+        ({"keep_area": 1}, TypeError, "keep_area must be True or False"),
+        ({"deformations": None}, TypeError, "deformations must be True or False"),
+        ({"max_flips": 2.0}, TypeError, "max_flips must be"),
         ({"threshold": 1.0}, ValueError, "threshold must lie"),
         ({"threshold": "half"}, TypeError, "threshold must be"),
-        ({"max_moves": 0}, ValueError, "max_moves must be"),
+        ({"max_flips": 0}, ValueError, "max_flips must be"),
     ],
 )
 def test_wrong_options(options: dict[str, object], error: type[Exception], words: str) -> None:
@@ -315,6 +450,12 @@ def test_wrong_sizes_beside_the_input() -> None:
     probability = batch()
     with pytest.raises(ValueError, match="target must have the shape"):
         ShapeComplexityLoss()(probability, probability[:, :1])
+    with pytest.raises(TypeError, match=r"target must be a torch\.Tensor; got str"):
+        ShapeComplexityLoss()(probability, "target")
+    with pytest.raises(TypeError, match=r"mask must be bool; got torch\.float32"):
+        ShapeComplexityLoss()(probability, None, probability[:, :1])
+    with pytest.raises(ValueError, match="mask must broadcast to the shape of input"):
+        ShapeComplexityLoss()(probability, None, probability[:, :2] > 0)
     with pytest.raises(ValueError, match="each of the 3 channels"):
         ShapeComplexityLoss(weight=[1.0, 2.0])(probability)
     with pytest.raises(ValueError, match="2 channels or more"):

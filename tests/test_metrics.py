@@ -100,6 +100,32 @@ def test_empty_predictions_may_be_skipped_but_are_counted() -> None:
     assert ShapeComplexity(3, empty="skip")(torch.zeros_like(preds)).isnan()
 
 
+@pytest.mark.parametrize("options", [{"bins": 32, "rho": 3.0}, {"estimator": "std", "tol": 1e-6, "low": 0.3}])
+def test_the_options_of_the_measure_reach_the_value(options: dict[str, Any]) -> None:
+    found = masks()
+    expected = torchlinf.complexity(found, **options)
+    metric = ShapeComplexity(3, empty="skip", average="none", sync_on_compute=False, **options)
+    torch.testing.assert_close(metric(found), expected.nanmean(dim=0).float())
+    assert metric.measure == torchlinf.Measure(**options)
+    assert metric.sync_on_compute is False
+    worst = ShapeComplexity(3, **options)(torch.zeros_like(found))
+    assert worst == (5.0 if "bins" in options else 0.5)
+
+
+@pytest.mark.parametrize("default", [torch.float16, torch.float64])
+def test_the_default_dtype_does_not_matter(default: torch.dtype) -> None:
+    found = masks()
+    expected = ShapeComplexity(3)(found)
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(default)
+    try:
+        other = ShapeComplexity(3)(found)
+    finally:
+        torch.set_default_dtype(before)
+    assert other.dtype == torch.float32
+    assert other == expected
+
+
 def test_windows_share_one_solve() -> None:
     found = masks()
     windows = {"fine": (0.0, 0.25), "coarse": (0.25, 1.0)}
@@ -180,6 +206,10 @@ def test_a_collection_takes_no_two_windows_for_one() -> None:
             "fine": ShapeComplexity(1, threshold=0.5, high=0.25),
             "std": ShapeComplexity(1, threshold=0.5, estimator="std"),
             "again": ShapeComplexity(1, threshold=0.5, average="micro"),
+            "other bins": ShapeComplexity(1, threshold=0.5, bins=16),
+            "other rho": ShapeComplexity(1, threshold=0.5, rho=2.0),
+            "coarse tol": ShapeComplexity(1, threshold=0.5, tol=0.1),
+            "same window": ShapeComplexity(1, threshold=0.5, windows={"a": (0.0, 1.0)}),
         }
     )
     disc = shapes.disc(9)[None, None].float()
@@ -190,7 +220,13 @@ def test_a_collection_takes_no_two_windows_for_one() -> None:
     fine = float(torchlinf.complexity(disc, high=0.25)) / 3
     std = float(torchlinf.complexity(disc, estimator="std")) / 3
     assert [found[name].item() for name in ("all", "fine", "std", "again")] == pytest.approx([mean, fine, std, mean])
-    assert sorted(len(group) for group in collection.compute_groups.values()) == [1, 1, 2]
+    bins = float(torchlinf.complexity(disc, bins=16)) / 3
+    rho = float(torchlinf.complexity(disc, rho=2.0)) / 3
+    coarse = float(torchlinf.complexity(disc, tol=0.1)) / 3
+    assert [found[name].item() for name in ("other bins", "other rho", "coarse tol", "a")] == pytest.approx(
+        [bins, rho, coarse, mean]
+    )
+    assert sorted(len(group) for group in collection.compute_groups.values()) == [1] * 6 + [2]
 
 
 def test_a_tracker_keeps_the_simplest() -> None:
@@ -257,6 +293,4 @@ except ImportError as error:
     print(error)
 """
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
-    assert out == (
-        "torchlinf.metrics needs torchmetrics, which is not installed. Run: pip install 'torchlinf[metrics]'\n"
-    )
+    assert out == ("torchlinf.metrics needs torchmetrics; it is not installed. Run: pip install 'torchlinf[metrics]'\n")

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, TensorDataset
 
-from torchlinf.transforms import ComplexitySampler
+from torchlinf.samplers import ComplexitySampler
 
 SCORES = torch.tensor([2.5, 0.0, torch.nan, 1.0, 4.0, 3.0, 1.0, 0.5])
 
@@ -90,6 +90,13 @@ def test_in_a_loader() -> None:
         ({"between": (7.0, 9.0)}, "between 7.0 and 9.0"),
         ({"rank": 2, "num_replicas": 2}, "rank must be from 0 to 1"),
         ({"num_samples": 0}, "num_samples must be"),
+        ({"num_replicas": 0}, "num_replicas must be"),
+        ({"rank": -1}, "rank must be an integer of 0 or more"),
+        ({"seed": -1}, "seed must be an integer of 0 or more"),
+        ({"between": (3.0, 1.0)}, "between must be ordered"),
+        ({"between": (float("nan"), 1.0)}, "between must be ordered"),
+        ({"share": 0.0}, r"share must be in \(0, 1\]; got 0.0"),
+        ({"share": 1.5}, r"share must be in \(0, 1\]; got 1.5"),
     ],
 )
 def test_wrong_options(options: dict[str, Any], words: str) -> None:
@@ -100,8 +107,31 @@ def test_wrong_options(options: dict[str, Any], words: str) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"share": 0.0}, r"share must be in \(0, 1\]; got 0.0 in epoch 0"),
-        ({"share": lambda epoch: 1.5}, "got 1.5"),
+        ({"scores": "many"}, "scores must be a row of numbers"),
+        ({"scores": None}, "scores must be a row of numbers"),
+        ({"between": 3.0}, "between must be a pair"),
+        ({"between": "ab"}, "between must be a pair"),
+        ({"between": ("a", "b")}, "between must be a pair"),
+        ({"share": "half"}, "share must be a number"),
+        ({"share": None}, "share must be a number"),
+        ({"weight": 2.0}, "weight must be a function"),
+        ({"num_samples": 2.5}, "num_samples must be"),
+        ({"seed": "a"}, "seed must be"),
+        ({"rank": 0.0}, "rank must be"),
+        ({"num_replicas": "two"}, "num_replicas must be"),
+    ],
+)
+def test_options_of_a_wrong_type(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(TypeError, match=words):
+        ComplexitySampler(**{"scores": SCORES, **options})
+    with pytest.raises(TypeError, match="epoch must be"):
+        ComplexitySampler(SCORES).set_epoch("first")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"share": lambda epoch: 1.5}, r"share must be in \(0, 1\]; got 1.5 in epoch 0"),
         ({"weight": lambda scores: -scores}, "weight must give 7 finite numbers"),
         ({"weight": lambda scores: 0 * scores}, "not all 0"),
         ({"weight": lambda scores: scores[:2]}, "weight must give 7"),

@@ -13,7 +13,7 @@ from torch.utils.data import DataLoader, Dataset
 
 import torchlinf
 from torchlinf import shapes
-from torchlinf.transforms import ShapeComplexityScore, ShapeComplexityScored
+from torchlinf.transforms import ComplexitySampler, ShapeComplexityScore, ShapeComplexityScored
 
 MASK = shapes.with_appendages((14, 22), [shapes.Appendage("top", 5, 4)], margin=3)  # (H, W) with H != W
 
@@ -41,7 +41,7 @@ class Silhouettes(Dataset[Any]):
 @pytest.mark.parametrize("name", catalogue())
 def test_scores_are_those_of_the_core(name: str) -> None:
     mask = torch.from_numpy(catalogue()[name])
-    found = ShapeComplexityScore(0.1, 0.8)(mask)
+    found = ShapeComplexityScore(low=0.1, high=0.8)(mask)
     torch.testing.assert_close(found, expected(mask, low=0.1, high=0.8), rtol=0, atol=1e-9, equal_nan=True)
     assert found.shape == ()
     assert found.dtype == torch.float64
@@ -60,6 +60,62 @@ def test_images_of_every_mode_with_one_band(mode: str) -> None:
     image = Image.fromarray(MASK.numpy()).convert(mode)
     threshold = 0.5 if mode == "F" else None
     assert ShapeComplexityScore(threshold=threshold)(image) == expected(MASK)
+
+
+def test_all_labels_may_be_taken_as_one_shape() -> None:
+    labels = 3 * MASK.long() + 4 * MASK.flip(0).long()
+    assert ShapeComplexityScore(threshold=0)(labels) == expected(labels > 0)
+    assert ShapeComplexityScore()(labels == 7) == expected(labels == 7)
+
+
+@pytest.mark.parametrize("options", [{"bins": 32, "rho": 3.0}, {"estimator": "std", "tol": 1e-6, "low": 0.3}])
+def test_the_options_of_the_measure_reach_the_score(options: dict[str, Any]) -> None:
+    score = ShapeComplexityScore(**options)
+    assert score(MASK) == expected(MASK, **options) != expected(MASK)
+    assert score.measure == torchlinf.Measure(**options)
+
+
+def test_several_windows_come_from_one_solve() -> None:
+    windows = {"fine": (0.0, 0.25), "coarse": (0.25, 1.0)}
+    masks = torch.stack([MASK, MASK.flip(0), torch.zeros_like(MASK)])
+    found = ShapeComplexityScore(windows=windows, dtype=torch.float32)(masks)
+    assert list(found) == ["fine", "coarse"]
+    for name, (low, high) in windows.items():
+        assert found[name].dtype == torch.float32
+        torch.testing.assert_close(found[name], expected(masks, low=low, high=high).float(), equal_nan=True)
+        assert found[name].isnan().tolist() == [False, False, True]
+    sample = ShapeComplexityScored("mask", windows=windows)({"mask": MASK})
+    assert list(sample) == ["mask", "mask_fine", "mask_coarse"]
+    assert sample["mask_coarse"] == expected(MASK, low=0.25)
+
+
+@pytest.mark.parametrize("default", [torch.float16, torch.float64])
+def test_the_default_dtype_does_not_matter(default: torch.dtype) -> None:
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(default)
+    try:
+        found = ShapeComplexityScore()(MASK)
+        sampler = list(ComplexitySampler([2.5, 0.0, 1.0], weight=torch.exp))
+    finally:
+        torch.set_default_dtype(before)
+    assert found.dtype == torch.float64
+    assert found == expected(MASK)
+    assert sampler == list(ComplexitySampler([2.5, 0.0, 1.0], weight=torch.exp))
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"keys": 3}, TypeError, "keys must be a string or several"),
+        ({"keys": ["mask", 3]}, TypeError, "keys must be a string or several"),
+        ({"keys": []}, ValueError, "keys must name one mask or more"),
+        ({"keys": "mask", "postfix": 3}, TypeError, "postfix must be a string"),
+        ({"keys": "mask", "allow_missing_keys": "yes"}, TypeError, "allow_missing_keys must be True or False"),
+    ],
+)
+def test_wrong_keys(options: dict[str, Any], error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        ShapeComplexityScored(**options)
 
 
 def test_a_palette_stands_for_labels() -> None:
@@ -114,7 +170,10 @@ def test_dictionaries_get_new_entries() -> None:
 
 
 def test_they_pickle_and_say_what_they_are() -> None:
-    for transform in (ShapeComplexityScore(0.1, 0.5, threshold=0.5), ShapeComplexityScored("mask", low=0.1, high=0.5)):
+    for transform in (
+        ShapeComplexityScore(low=0.1, high=0.5, threshold=0.5),
+        ShapeComplexityScored("mask", low=0.1, high=0.5),
+    ):
         again = pickle.loads(pickle.dumps(transform))
         assert repr(again) == repr(transform)
         assert "low=0.1, high=0.5" in repr(again)
@@ -144,7 +203,7 @@ def _without_image(sample: dict[str, Any]) -> dict[str, Any]:
     ("mask", "error", "words"),
     [
         (torch.full((4, 5), 0.5), ValueError, r"got 0\.5\. Pass threshold=0.5"),
-        (torch.full((4, 5), torch.nan), ValueError, r"got NaN\. Replace it"),
+        (torch.full((4, 5), torch.nan), ValueError, "must hold no NaN"),
         (torch.ones(5), ValueError, r"at least spatial_ndim=2 dimensions.*got \(5,\)"),
         (torch.ones(0, 5), ValueError, "size 1 or more"),
         (np.full((4, 5), "a"), TypeError, "bool, integer or real"),
@@ -152,6 +211,9 @@ def _without_image(sample: dict[str, Any]) -> dict[str, Any]:
         (Image.new("RGB", (4, 5)), TypeError, r"one band; got mode RGB.*convert\('L'\)"),
         (Image.new("LA", (4, 5)), TypeError, "one band; got mode LA"),
         (None, TypeError, "bool, integer or real"),
+        (np.array([[0, 3, 7]]), ValueError, r"0 and one other value without a threshold; got 3 beside 7.*mask == k"),
+        (np.array([[3, 7]], np.uint8), ValueError, "got 3 beside 7"),
+        (np.array([[0, -1, 7]]), ValueError, "got -1 beside 7"),
     ],
 )
 def test_wrong_masks(mask: Any, error: type[Exception], words: str) -> None:
@@ -160,7 +222,7 @@ def test_wrong_masks(mask: Any, error: type[Exception], words: str) -> None:
 
 
 def test_nan_is_refused_beside_a_threshold_too() -> None:
-    with pytest.raises(ValueError, match="without NaN"):
+    with pytest.raises(ValueError, match="must hold no NaN"):
         ShapeComplexityScore(threshold=0.5)(torch.full((4, 5), torch.nan))
 
 
@@ -173,6 +235,12 @@ def test_nan_is_refused_beside_a_threshold_too() -> None:
         ({"spatial_ndim": 2.0}, TypeError, "spatial_ndim must be"),
         ({"tol": 0}, ValueError, "tol must be"),
         ({"bins": 0}, ValueError, "bins must be"),
+        ({"threshold": float("nan")}, ValueError, "threshold must be a number or None"),
+        ({"dtype": torch.int64}, TypeError, "dtype must be a floating-point dtype"),
+        ({"rho": torch.ones(2)}, TypeError, "rho must be None or one number"),
+        ({"windows": {}}, ValueError, "windows must name"),
+        ({"windows": {"fine": (0.0, 0.5)}, "low": 0.1}, ValueError, "instead of low and high"),
+        ({"lwo": 0.1}, TypeError, "lwo is not an option here"),
         ({"estimator": "mean"}, ValueError, "estimator must be"),
     ],
 )

@@ -13,20 +13,20 @@ def as_mask(mask: Tensor, spatial_ndim: int | None = None, name: str = "mask") -
     """Check a binary mask and lay its shapes in a row.
 
     Args:
-        mask: `(B, C, *spatial)` with 1 to 4 spatial dimensions; with `spatial_ndim` any number of leading
-            dimensions. Bool, integer or real dtype, every value 0 or 1, any strides.
+        mask: `(B, C, *spatial)` with 1 to 4 spatial dimensions; with `spatial_ndim` a batch shape of any length. Bool,
+            integer or real dtype, every value 0 or 1, any strides.
         spatial_ndim: how many of the last dimensions are spatial; None means all after the first two.
         name: what the messages call the argument.
 
     Returns:
-        The mask as bool `(N, *spatial)` and the leading shape, whose product is N (1 for no leading dimension).
+        The mask as bool `(N, *spatial)` and the batch shape, whose product is N (1 for an empty batch shape).
 
     Raises:
         TypeError: no tensor, or a complex one.
         ValueError: wrong rank, a spatial dimension of size 0, or values other than 0 and 1.
 
-    >>> shapes, lead = as_mask(torch.ones(2, 3, 4, 5))
-    >>> tuple(shapes.shape), shapes.dtype, lead
+    >>> shapes, batch_shape = as_mask(torch.ones(2, 3, 4, 5))
+    >>> tuple(shapes.shape), shapes.dtype, batch_shape
     ((6, 4, 5), torch.bool, (2, 3))
     """
     if not isinstance(mask, Tensor):
@@ -39,14 +39,14 @@ def as_mask(mask: Tensor, spatial_ndim: int | None = None, name: str = "mask") -
     if mask.is_complex():
         raise TypeError(f"{name} must be bool, integer or real; got {mask.dtype}. Pass {name} != 0.")
     ndim = _spatial_ndim(mask, spatial_ndim, name)
-    lead, spatial = tuple(mask.shape[: mask.ndim - ndim]), tuple(mask.shape[mask.ndim - ndim :])
+    batch_shape, spatial = tuple(mask.shape[: mask.ndim - ndim]), tuple(mask.shape[mask.ndim - ndim :])
     if 0 in spatial:
         raise ValueError(
             f"{name} must have spatial dimensions of size 1 or more; got spatial shape {spatial}. "
             "Drop the shapes without pixels first."
         )
     inside = mask.detach() if mask.dtype == torch.bool else _binary(mask.detach(), name)
-    return inside.reshape(math.prod(lead), *spatial), lead
+    return inside.reshape(math.prod(batch_shape), *spatial), batch_shape
 
 
 def plain(x: Tensor, name: str) -> None:
@@ -56,7 +56,7 @@ def plain(x: Tensor, name: str) -> None:
     except RuntimeError:
         raise NotImplementedError(
             f"{name} must be a tensor with data; got one without, as inside torch.func.vmap or torch.func.grad. "
-            "Stack shapes along a leading dimension instead, and call torch.autograd.grad for a derivative."
+            "Stack shapes along a batch dimension instead, and call torch.autograd.grad for a derivative."
         ) from None
 
 
@@ -72,7 +72,22 @@ def _spatial_ndim(mask: Tensor, spatial_ndim: int | None, name: str) -> int:
             f"{name} must be (B, C, *spatial) with 1 to {MAX_SPATIAL_NDIM} spatial dimensions; "
             f"got {tuple(mask.shape)}. {remedy}"
         )
-    if not isinstance(spatial_ndim, Integral) or isinstance(spatial_ndim, bool):
+    ndim = number_of_axes(spatial_ndim)
+    if mask.ndim < ndim:
+        raise ValueError(
+            f"{name} must have at least spatial_ndim={ndim} dimensions; got {tuple(mask.shape)}. "
+            f"Pass spatial_ndim={max(mask.ndim, 1)} or add dimensions to {name}."
+        )
+    return ndim
+
+
+def number_of_axes(spatial_ndim: int) -> int:
+    """Return `spatial_ndim` as an int if it is an integer from 1 to 4, else raise.
+
+    >>> number_of_axes(2)
+    2
+    """
+    if isinstance(spatial_ndim, bool) or not isinstance(spatial_ndim, Integral):
         raise TypeError(
             f"spatial_ndim must be an integer from 1 to {MAX_SPATIAL_NDIM}; got {spatial_ndim!r}. "
             "Pass 2 for images, 3 for volumes."
@@ -80,11 +95,6 @@ def _spatial_ndim(mask: Tensor, spatial_ndim: int | None, name: str) -> int:
     if not 1 <= spatial_ndim <= MAX_SPATIAL_NDIM:
         raise ValueError(
             f"spatial_ndim must be from 1 to {MAX_SPATIAL_NDIM}; got {spatial_ndim}. Pass 2 for images, 3 for volumes."
-        )
-    if mask.ndim < spatial_ndim:
-        raise ValueError(
-            f"{name} must have at least spatial_ndim={spatial_ndim} dimensions; got {tuple(mask.shape)}. "
-            f"Pass spatial_ndim={max(mask.ndim, 1)} or add dimensions to {name}."
         )
     return int(spatial_ndim)
 
@@ -101,18 +111,56 @@ def _binary(mask: Tensor, name: str) -> Tensor:
     return inside
 
 
+def number(value: float, name: str, wanted: str = "a number", remedy: str = "Pass a float.") -> float:
+    """Return `value` as a float if it is a real number, else raise; `wanted` is what the message asks for.
+
+    >>> number(1, "tol")
+    1.0
+    """
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be {wanted}; got {value!r}. {remedy}")
+    return float(value)
+
+
+def number_or_none(
+    value: float | None, name: str, remedy: str = "Pass for example {name}=0.5, or None."
+) -> float | None:
+    """Return `value` as a float if it is a real number other than NaN, or None; else raise.
+
+    >>> number_or_none(127, "threshold"), number_or_none(None, "threshold")
+    (127.0, None)
+    """
+    if value is None:
+        return None
+    remedy = remedy.replace("{name}", name)
+    found = number(value, name, "a number or None", remedy)
+    if math.isnan(found):
+        raise ValueError(f"{name} must be a number or None; got NaN. {remedy}")
+    return found
+
+
 def positive(value: float, name: str) -> float:
     """Return `value` as a float if it is a finite number above 0, else raise.
 
     >>> positive(1, "tol")
     1.0
     """
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a number above 0; got {value!r}. Pass a float.")
-    number = float(value)
-    if not (math.isfinite(number) and number > 0):
+    found = number(value, name, "a number above 0")
+    if not (math.isfinite(found) and found > 0):
         raise ValueError(f"{name} must be finite and above 0; got {value!r}. Pass a positive number.")
-    return number
+    return found
+
+
+def not_negative(value: float, name: str) -> float:
+    """Return `value` as a float if it is a finite number of 0 or more, else raise.
+
+    >>> not_negative(0, "margin")
+    0.0
+    """
+    found = number(value, name, "a number of 0 or more")
+    if not (math.isfinite(found) and found >= 0):
+        raise ValueError(f"{name} must be finite and 0 or more; got {value!r}. Pass 0.0 or a positive number.")
+    return found
 
 
 def positive_tensor(value: Tensor, shape: tuple[int, ...], name: str) -> Tensor:
@@ -134,9 +182,23 @@ def positive_tensor(value: Tensor, shape: tuple[int, ...], name: str) -> Tensor:
         return value.broadcast_to(shape)
     except RuntimeError:
         raise ValueError(
-            f"{name} must broadcast to the leading shape {shape}; got {tuple(value.shape)}. "
+            f"{name} must broadcast to the batch shape {shape}; got {tuple(value.shape)}. "
             "Pass a number, or one value a shape."
         ) from None
+
+
+def integer(value: int, name: str, least: int) -> int:
+    """Return `value` as an int if it is an integer of `least` or more, else raise.
+
+    >>> integer(0, "seed", 0)
+    0
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise TypeError(f"{name} must be an integer of {least} or more; got {value!r}. Pass an int.")
+    if value < least:
+        remedy = "Pass a positive int." if least == 1 else f"Pass {least} or a larger int."
+        raise ValueError(f"{name} must be an integer of {least} or more; got {value!r}. {remedy}")
+    return int(value)
 
 
 def count(value: int, name: str) -> int:
@@ -145,11 +207,18 @@ def count(value: int, name: str) -> int:
     >>> count(3, "bins")
     3
     """
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise TypeError(f"{name} must be an integer of 1 or more; got {value!r}. Pass an int.")
-    if value < 1:
-        raise ValueError(f"{name} must be an integer of 1 or more; got {value!r}. Pass a positive int.")
-    return int(value)
+    return integer(value, name, 1)
+
+
+def flag(value: bool, name: str) -> bool:
+    """Return `value` if it is True or False, else raise: the truth of "no" or of an array is not what is meant.
+
+    >>> flag(True, "keep_area")
+    True
+    """
+    if not isinstance(value, bool):
+        raise TypeError(f"{name} must be True or False; got {value!r}. Pass a bool.")
+    return value
 
 
 def fraction(value: float, name: str) -> float:
@@ -158,11 +227,10 @@ def fraction(value: float, name: str) -> float:
     >>> fraction(0.5, "threshold")
     0.5
     """
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a number in (0, 1); got {value!r}. Pass a float.")
-    if not 0 < value < 1:
+    found = number(value, name, "a number in (0, 1)")
+    if not 0 < found < 1:
         raise ValueError(f"{name} must lie strictly between 0 and 1; got {value!r}. Pass for example 0.5.")
-    return float(value)
+    return found
 
 
 def window(low: float, high: float) -> tuple[float, float]:
@@ -172,8 +240,7 @@ def window(low: float, high: float) -> tuple[float, float]:
     (0.0, 0.25)
     """
     for name, value in (("low", low), ("high", high)):
-        if isinstance(value, bool) or not isinstance(value, Real):
-            raise TypeError(f"{name} must be a number in [0, 1]; got {value!r}. Pass a float.")
+        number(value, name, "a number in [0, 1]")
     if not 0 <= low < high <= 1:
         raise ValueError(
             f"low and high must obey 0 <= low < high <= 1; got low={low!r}, high={high!r}. "
@@ -188,8 +255,10 @@ def choice(value: str, options: tuple[str, ...], name: str) -> str:
     >>> choice("std", ("entropy", "std"), "estimator")
     'std'
     """
+    listed = ", ".join(repr(option) for option in options)
+    if not isinstance(value, str):
+        raise TypeError(f"{name} must be one of {listed}; got {value!r}. Pass {name}={options[0]!r}.")
     if value not in options:
-        listed = ", ".join(repr(option) for option in options)
         raise ValueError(f"{name} must be one of {listed}; got {value!r}. Pass {name}={options[0]!r}.")
     return value
 

@@ -31,6 +31,9 @@ def closed(inside: Tensor, sides: tuple[int, ...]) -> Tensor:
         >>> closed(torch.tensor([[True, False, True, False]]), (2,))
         tensor([[ True,  True,  True, False]])
     """
+    # A box that is longer than the array meets the same rows of it as one of the array's own length; padding by the
+    # longer one would cost the n-th power of it.
+    sides = tuple(min(side, size) for side, size in zip(sides, inside.shape[1:], strict=True))
     around = [side for side in reversed(sides) for _ in (0, 1)]
     outside = opened(~torch.nn.functional.pad(inside, around), sides)
     return ~outside[:, *(slice(side, -side) for side in sides)]

@@ -1,34 +1,31 @@
 """Label maps to tables: one row per object, beside any of scikit-image's `regionprops_table`."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from torchlinf._checks import MAX_SPATIAL_NDIM, positive, window
-from torchlinf.measure import Measure, ragged_profile
+from torchlinf import __version__
+from torchlinf._checks import MAX_SPATIAL_NDIM, positive
+from torchlinf.measure import Measure, MeasureOptions, ragged_profile, takes
 
 __all__ = ["complexity_table"]
 
 Box = tuple[slice, ...]
-Windows = Mapping[str, tuple[float, float]]
-
 LARGEST = 2**20  # find_objects makes a list as long as the largest label; beyond this, renumbering costs less
-COLUMNS = ("label", "radius", "touches_frame", "error_bound")
+COLUMNS = ("label", "radius", "touches_border", "field_error_bound", "seconds", "version", "measure")
 
 
+@takes(MeasureOptions)
 def complexity_table(
     label_map: Tensor | ArrayLike,
     *,
-    windows: Windows | None = None,
     properties: Sequence[str] = (),
     intensity_image: Tensor | ArrayLike | None = None,
     spacing: Sequence[float] | None = None,
-    bins: int = 1024,
-    estimator: str = "entropy",
-    tol: float = 1e-9,
+    **options: Unpack[MeasureOptions],
 ) -> dict[str, NDArray[Any]]:
     """Measure the complexity of every object of a label map.
 
@@ -38,33 +35,35 @@ def complexity_table(
     Args:
         label_map: (H, W) or (D, H, W), or any other number of dimensions from 1 to 4; integers, 0 is background, all
             else is the label of an object. Labels may be huge and have gaps; memory grows with the map alone.
-        windows: windows of scales (low, high] by the names of their columns, 0 <= low < high <= 1; all of them come
-            from one solve. None means one column "complexity" over all scales.
         properties: names of properties of `skimage.measure.regionprops_table`, such as "area", "eccentricity" or
             "centroid", whose columns stand beside; 2-D and 3-D only.
-        intensity_image: for properties that need one, such as "intensity_mean"; as there.
+        intensity_image: like the map, or with a last dimension of channels, for properties that need it, such as
+            "intensity_mean".
         spacing: size of a pixel along each axis, for `properties` alone: the complexity counts in pixels.
-        bins: as in `torchlinf.complexity`.
-        estimator: "entropy" (bits) or "std" (share of the field's maximum), as there.
-        tol: relative error the fields are certified to.
+        {measure options}
+            Here rho must be None or one number, not a tensor.
 
     Returns:
-        Columns by name, each with one entry per object, in ascending order of the labels; none for a map without
-        objects. `pandas.DataFrame` takes it as it is.
+        Columns by name, each with one entry per object, in ascending order of the labels; a map without objects gives
+        the same columns with no entries. No object is empty, so no value is NaN. `pandas.DataFrame` takes the columns
+        as they are.
 
         - "label": as in the map, in its dtype.
         - the columns of `properties`, as scikit-image names them ("centroid-0", "centroid-1").
         - "radius": int64, largest chessboard distance to the outside of the object, pixels.
         - "complexity", or the names of `windows`: float64, bits (or share, for "std"). A box has exactly 0.0.
-        - "touches_frame": bool, whether the object reaches the border of the map, so that part of it may be cut off.
-        - "error_bound": float64, the certified relative error of the object's field.
+        - "touches_border": bool, whether the object reaches the border of the map, so that part of it may be cut off.
+        - "field_error_bound": float64, the certified relative error of the object's field.
+        - "seconds": float64, the time that the object took.
+        - "version" and "measure": the version of torchlinf and `Measure.settings()`, in every row, so that rows of
+          several tables can stand in one.
 
     Not differentiable. The objects are measured on the CPU, on torch's number of threads.
 
     Raises:
         TypeError: the map is not of integers, or an argument is of the wrong type.
-        ValueError: the map has a wrong rank or a negative label, or an argument a wrong value.
-        AttributeError: scikit-image has no such property.
+        ValueError: the map has a wrong rank or a negative label, or an argument a wrong value, such as the name of a
+            property that scikit-image does not have.
         RuntimeError: a field could not be solved to `tol`.
 
     Source: the measure is that of Arslan and Tari, IEEE TIP 2020.
@@ -74,19 +73,26 @@ def complexity_table(
         >>> label_map[2:8, 1:7] = 3  # a square
         >>> label_map[0:9, 10:19] = 70 * np.tri(9, dtype=int)  # a triangle
         >>> table = complexity_table(label_map, properties=["area"])
-        >>> for name, column in table.items():
-        ...     print(f"{name:13}", *column.tolist())
-        label         3 70
-        area          36.0 45.0
-        radius        3 3
-        complexity    0.0 1.161...
-        touches_frame False True
-        error_bound   ...
+        >>> for name in ("label", "area", "radius", "complexity", "touches_border"):
+        ...     print(f"{name:14}", *table[name].tolist())
+        label          3 70
+        area           36.0 45.0
+        radius         3 3
+        complexity     0.0 1.161...
+        touches_border False True
     """
-    positive(tol, "tol")
-    windows = {"complexity": (0.0, 1.0)} if windows is None else _windows(windows, properties)
-    found = _label_map(label_map)
-    numbered, boxes, names = _objects(found)
+    measure = Measure.of(options, MeasureOptions)
+    measure.scalar_rho()
+    windows = measure.named_windows()
+    labels = _label_map(label_map)
+    numbered, boxes, names = _objects(labels)
+    beside = _properties(numbered, _names(properties), intensity_image, spacing)
+    taken = {*COLUMNS, *beside} & set(windows)
+    if taken:
+        raise ValueError(
+            f"windows must not bear the names of other columns; got {sorted(taken)}. "
+            "Pass for example windows={'fine': (0.0, 0.25)}."
+        )
     objects = list(boxes.items())
 
     def crop(i: int) -> NDArray[np.bool_]:
@@ -94,47 +100,40 @@ def complexity_table(
         inside: NDArray[np.bool_] = numbered[box] == number
         return inside
 
-    profile = ragged_profile(crop, len(objects), Measure(bins=bins, estimator=estimator, tol=tol))
+    profile = ragged_profile(crop, len(objects), measure)
     return {
         "label": names,
-        **_properties(numbered, properties, intensity_image, spacing),
+        **beside,
         "radius": profile.radius.numpy(),
         **{name: profile.mean(*ends).numpy() for name, ends in windows.items()},
-        "touches_frame": np.array([_touches(box, found.shape) for box in boxes.values()], dtype=np.bool_),
-        "error_bound": profile.field_error_bound.numpy(),
+        "touches_border": np.array([_touches(box, labels.shape) for box in boxes.values()], dtype=np.bool_),
+        "field_error_bound": profile.field_error_bound.numpy(),
+        "seconds": profile.seconds.numpy(),
+        "version": np.full(len(objects), __version__),
+        "measure": np.full(len(objects), measure.settings()),
     }
 
 
-def _windows(windows: Windows, properties: Sequence[str]) -> Windows:
-    taken = {*COLUMNS, *properties} & set(windows)
-    if taken or not windows:
-        raise ValueError(
-            f"windows must name one column or more, other than {', '.join(COLUMNS)} and the properties; got "
-            f"{list(windows)}. Pass for example windows={{'fine': (0.0, 0.25)}}."
-        )
-    return {name: window(*ends) for name, ends in windows.items()}
-
-
 def _label_map(label_map: Tensor | ArrayLike) -> NDArray[Any]:
-    found = label_map.numpy(force=True) if isinstance(label_map, Tensor) else np.asarray(label_map)
-    if found.dtype.kind not in "iu":
+    labels = label_map.numpy(force=True) if isinstance(label_map, Tensor) else np.asarray(label_map)
+    if labels.dtype.kind not in "iu":
         remedy = (
             "Number the components first, with skimage.measure.label(mask)"
-            if found.dtype == np.bool_
+            if labels.dtype == np.bool_
             else "Pass label_map.astype(int)"
         )
-        raise TypeError(f"label_map must hold integers; got {found.dtype}. {remedy}.")
-    if not 1 <= found.ndim <= MAX_SPATIAL_NDIM:
+        raise TypeError(f"label_map must hold integers; got {labels.dtype}. {remedy}.")
+    if not 1 <= labels.ndim <= MAX_SPATIAL_NDIM:
         raise ValueError(
-            f"label_map must have 1 to {MAX_SPATIAL_NDIM} dimensions; got {found.shape}. "
+            f"label_map must have 1 to {MAX_SPATIAL_NDIM} dimensions; got {labels.shape}. "
             "Pass one map at a time, without batch or channels."
         )
-    if found.size and found.min() < 0:
+    if labels.size and labels.min() < 0:
         raise ValueError(
-            f"label_map must hold no negative labels; got {found.min()}. "
+            f"label_map must hold no negative labels; got {labels.min()}. "
             "Pass label_map.clip(0) if they mean background, or skimage.measure.label(label_map) for new labels."
         )
-    return found
+    return labels
 
 
 def _objects(label_map: NDArray[Any]) -> tuple[NDArray[Any], dict[int, Box], NDArray[Any]]:
@@ -158,13 +157,36 @@ def _touches(box: Box, shape: tuple[int, ...]) -> bool:
     return any(side.start == 0 or side.stop == size for side, size in zip(box, shape, strict=True))
 
 
+def _names(properties: Sequence[str]) -> list[str]:
+    if (
+        isinstance(properties, str)
+        or not isinstance(properties, Sequence)
+        or not all(isinstance(name, str) for name in properties)
+    ):
+        raise TypeError(f"properties must be a list of names; got {properties!r}. Pass for example ['area'].")
+    return [name for name in properties if name != "label"]
+
+
 def _properties(
     numbered: NDArray[Any],
-    properties: Sequence[str],
+    names: list[str],
     intensity_image: Tensor | ArrayLike | None,
     spacing: Sequence[float] | None,
 ) -> dict[str, NDArray[Any]]:
-    names = [name for name in properties if name != "label"]
+    if spacing is not None:
+        if isinstance(spacing, str) or not isinstance(spacing, Sequence) or len(spacing) != numbered.ndim:
+            raise TypeError(
+                f"spacing must hold one number for each of the {numbered.ndim} axes; got {spacing!r}. "
+                "Pass for example (0.5, 0.5)."
+            )
+        spacing = tuple(positive(size, "spacing") for size in spacing)
+    if isinstance(intensity_image, Tensor):
+        intensity_image = intensity_image.numpy(force=True)
+    if intensity_image is not None and np.shape(intensity_image)[: numbered.ndim] != numbered.shape:
+        raise ValueError(
+            f"intensity_image must have the shape of label_map, {numbered.shape}; got {np.shape(intensity_image)}. "
+            "Resize one of them."
+        )
     if not names:
         return {}
     from skimage.measure import regionprops_table
@@ -173,10 +195,13 @@ def _properties(
         raise ValueError(
             f"properties need a label_map of 2 or 3 dimensions; got {numbered.shape}. Leave properties empty."
         )
-    if isinstance(intensity_image, Tensor):
-        intensity_image = intensity_image.numpy(force=True)
-    spacing = None if spacing is None else tuple(spacing)
-    table: dict[str, NDArray[Any]] = regionprops_table(  # type: ignore[no-untyped-call]
-        numbered, intensity_image, properties=names, spacing=spacing
-    )
+    try:
+        table: dict[str, NDArray[Any]] = regionprops_table(  # type: ignore[no-untyped-call]
+            numbered, intensity_image, properties=names, spacing=spacing
+        )
+    except AttributeError as error:
+        raise ValueError(
+            f"properties must be names that regionprops_table of scikit-image knows, and intensity_image stand beside "
+            f"those of intensity; got {names}: {error}. Pass for example ['area', 'solidity']."
+        ) from error
     return table

@@ -1,50 +1,63 @@
-"""Complexity of predicted shapes as a torchmetrics metric. Needs the extra `metrics` (torchmetrics)."""
+"""Complexity of predicted shapes as a torchmetrics metric. Needs the extra `metrics` (torchmetrics).
 
-import math
+`InputFormat` turns predictions and targets into masks, `ShapeComplexity` measures the masks.
+"""
+
 import zlib
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, cast
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from numbers import Integral
+from typing import Any, Literal, Unpack, cast
 
 import torch
 from torch import Tensor
 
-from torchlinf._checks import choice, count, positive, window
-from torchlinf.measure import Measure, complexity_profile
-from torchlinf.metrics_inputs import Predictions
+from torchlinf._checks import MAX_SPATIAL_NDIM, as_mask, choice, count, flag, number_or_none
+from torchlinf._extras import require
+from torchlinf.measure import LevelOptions, Measure, MeasureOptions, complexity_profile, takes
 
-try:
-    from torchmetrics import Metric
-except ImportError as error:
-    raise ImportError(
-        "torchlinf.metrics needs torchmetrics, which is not installed. Run: pip install 'torchlinf[metrics]'"
-    ) from error
+require("torchmetrics", "torchlinf.metrics", "metrics")
+from torchmetrics import Metric  # noqa: E402
 
 __all__ = ["ShapeComplexity"]
 
 AVERAGES = ("macro", "micro", "none")
+FORMATS = ("one-hot", "index")
+EMPTY = ("worst", "skip")
 # Sums are kept in whole units of 2^-32 bit: exact, so the same however the shapes are spread over batches and
 # processes, and at home on devices without float64. They overflow after 2^63 / (20 * 2^32) shapes, a hundred million.
 UNIT = 2.0**32
 
 
+class MetricOptions(MeasureOptions, total=False):
+    """The options of the measure, and those of every torchmetrics metric."""
+
+    compute_on_cpu: bool
+    compute_with_cache: bool
+    dist_sync_fn: Callable[..., Any] | None
+    dist_sync_on_step: bool
+    distributed_available_fn: Callable[..., bool] | None
+    process_group: Any
+    sync_on_compute: bool
+
+
+@takes(MeasureOptions)
 class ShapeComplexity(Metric):
     """Mean hard complexity of the shapes that a segmentation model predicts, per class or averaged.
 
     Each class of each sample is one shape. What is summed is `torchlinf.complexity` of its mask.
 
-    An empty prediction has no complexity, and must not improve the score: it counts as much as the most complex shape
-    could, log2(bins) = 10 bits (0.5 for "std"), unless `empty="skip"`. Pass `target` too, and classes that are not in
-    the image are left out, whatever is predicted for them; without it an absent class cannot be told from a missed one.
+    An empty prediction has no complexity, and must not improve the score: it counts `measure.largest`, the most that a
+    shape could have, 10 bits by default (0.5 for "std"), unless `empty="skip"`. Pass `target` too, and classes that are
+    not in the image are left out, whatever is predicted for them; without it an absent class cannot be told from a
+    missed one.
 
     Args:
         num_classes: number of classes, the background included.
-        low: lower end of the window of scales, excluded.
-        high: upper end, included; 0 <= low < high <= 1. Small scales are near the boundary.
-        windows: several windows (low, high] by name, all from one solve, instead of `low` and `high`; the result is a
-            dictionary then.
-        threshold: how floating-point predictions become masks. None takes the class of the largest value at each
-            pixel (logits or probabilities, softmax); with a number every channel is its own mask, inside where the
-            value is larger: 0.0 for logits, 0.5 for probabilities (sigmoid, several labels a pixel, one class alone).
+        threshold: how one-hot predictions become masks. With a number every channel is its own mask, inside where the
+            value is greater: 0.0 for logits, 0.5 for probabilities (sigmoid, several labels a pixel, one class alone).
+            None takes, of several floating-point channels, the class of the largest value at each pixel (logits or
+            probabilities, softmax); all other predictions must then hold 0 and 1. Labels are never thresholded.
         input_format: what `preds` is, in the words of `torchmetrics.segmentation`: "one-hot" for (B, C, *spatial)
             masks, logits or probabilities, "index" for (B, *spatial) integer labels.
         average: "macro", the mean over classes that have shapes; "micro", the mean over all shapes; "none" or None, one
@@ -52,30 +65,34 @@ class ShapeComplexity(Metric):
         include_background: if False, class 0 is dropped, from the result as well.
         ignore_index: a label in `preds` or `target` that stands for no class, such as 255.
         empty: "worst" or "skip", what an empty prediction counts as.
-        bins: as in `torchlinf.complexity`.
-        estimator: "entropy" or "std", as there.
-        tol: relative error that the fields are certified to.
+        {measure options}
+            Here rho must be None or one number, not a tensor.
         kwargs: options of every torchmetrics metric, such as `sync_on_compute`.
 
     Attributes:
+        measure: the `torchlinf.Measure` of the options.
         num_shapes: (C,) int64, shapes that were measured, by class.
         num_empty: (C,) int64, empty predictions, by class. These and `num_shapes` are of this process; within
             `with metric.sync_context():` of all.
 
     Shape:
-        - preds: (B, C, *spatial) or (B, *spatial), see `input_format`, with 1 to 4 spatial dimensions, on any device.
+        - preds: (B, C, *spatial) or (B, *spatial), as `input_format` says, with 1 to 4 spatial dimensions, on any
+          device.
         - target: optional, (B, C, *spatial), nonzero is inside, or (B, *spatial) integer labels; the rank tells.
         - output of `forward` and `compute`: a float32 number, or (C,) for average "none", in bits (share of the field's
-          maximum for "std"), in [0, log2(bins)], lower is simpler; NaN where there is no shape. Full masks give 0.0.
+          maximum for "std"), in [0, `measure.largest`], lower is simpler; NaN where there is no shape. With `windows` a
+          dictionary of them by name. Full masks give 0.0.
 
     Not differentiable. States are sums and counts, so memory does not grow, and several processes get the number that
-    one would, to the last bit. It pickles, plots, and works in a `MetricCollection`.
+    one would, to the last bit. It pickles, plots, and works in a `MetricCollection`, where only metrics of the same
+    measure and the same input format share their states.
 
     Raises:
         ImportError: torchmetrics is not installed (when `torchlinf.metrics` is imported).
         TypeError: an argument is of the wrong type.
         ValueError: an argument has a wrong value, or `preds` or `target` a wrong shape, labels that are no class, or
-            NaN.
+            NaN; or torchmetrics does not know a keyword.
+        RuntimeError: a field could not be solved to `tol`.
 
     Source: the measure is that of Arslan and Tari, IEEE TIP 2020.
 
@@ -102,59 +119,51 @@ class ShapeComplexity(Metric):
         self,
         num_classes: int,
         *,
-        low: float = 0.0,
-        high: float = 1.0,
-        windows: Mapping[str, tuple[float, float]] | None = None,
         threshold: float | None = None,
         input_format: Literal["one-hot", "index"] = "one-hot",
         average: Literal["macro", "micro", "none"] | None = "macro",
         include_background: bool = True,
         ignore_index: int | None = None,
         empty: Literal["worst", "skip"] = "worst",
-        bins: int = 1024,
-        estimator: str = "entropy",
-        tol: float = 1e-9,
-        **kwargs: Any,
+        **kwargs: Unpack[MetricOptions],
     ) -> None:
-        super().__init__(**kwargs)
-        self.predictions = Predictions(count(num_classes, "num_classes"), threshold, input_format, ignore_index)
-        self.windows = _windows(low, high, windows)
-        self.named = windows is not None
-        self.average = choice(average or "none", AVERAGES, "average")
-        self.include_background = bool(include_background)
-        self.empty = choice(empty, ("worst", "skip"), "empty")
-        self.measure = Measure(bins=bins, estimator=estimator, tol=tol)
-        self.bins, self.estimator, self.tol = bins, estimator, positive(tol, "tol")
+        ours = MeasureOptions.__optional_keys__
+        super().__init__(**{name: value for name, value in kwargs.items() if name not in ours})
+        self.measure = Measure.of({name: value for name, value in kwargs.items() if name in ours}, MeasureOptions)
+        self.measure.scalar_rho()
+        self.input_format = InputFormat(num_classes, threshold, input_format, ignore_index)
+        self.average = choice("none" if average is None else average, AVERAGES, "average")
+        self.include_background = flag(include_background, "include_background")
+        self.empty = choice(empty, EMPTY, "empty")
         self._add_states()
 
     def _add_states(self) -> None:
-        classes = self.predictions.num_classes - (not self.include_background)
+        classes = self.input_format.num_classes - (not self.include_background)
         if classes < 1:
             raise ValueError(
                 "include_background=False needs num_classes of 2 or more; got 1, which would leave nothing. "
                 "Pass include_background=True."
             )
-        whole = torch.zeros(classes, dtype=torch.int64)
-        self.add_state("total", whole.repeat(len(self.windows), 1), dist_reduce_fx="sum")  # (W, C)
-        self.add_state("num_shapes", whole.clone(), dist_reduce_fx="sum")
-        self.add_state("num_empty", whole.clone(), dist_reduce_fx="sum")
+        zeros = torch.zeros(classes, dtype=torch.int64)
+        self.add_state("total", zeros.repeat(len(self.measure.named_windows()), 1), dist_reduce_fx="sum")  # (W, C)
+        self.add_state("num_shapes", zeros.clone(), dist_reduce_fx="sum")
+        self.add_state("num_empty", zeros.clone(), dist_reduce_fx="sum")
         # A MetricCollection takes metrics whose states agree after the first batch for one metric, which two windows do
-        # on a batch of boxes. States of different names never agree.
-        settings = (self.predictions, self.windows, self.bins, self.estimator)
-        name = f"settings_{zlib.crc32(repr(settings).encode()):08x}"
+        # on a batch of boxes, and two tolerances on nearly every batch. States of different names never agree.
+        settings = f"{self.input_format} {self.include_background} {self.measure.settings()}"
+        name = f"settings_{zlib.crc32(settings.encode()):08x}"
         self.add_state(name, torch.zeros((), dtype=torch.int64), dist_reduce_fx="sum")
 
     def update(self, preds: Tensor, target: Tensor | None = None) -> None:
-        """Add the shapes of a batch; see the class for shapes and formats."""
-        masks = self.predictions.masks(preds)  # (B, C, *spatial)
-        there = masks.new_ones(masks.shape[:2]) if target is None else self.predictions.there(target, masks)
+        """Add the shapes of a batch; the class describes the shapes and formats of `preds` and `target`."""
+        masks = self.input_format.masks(preds)  # (B, C, *spatial)
+        counted = masks.new_ones(masks.shape[:2]) if target is None else self.input_format.present(target, masks)
         if not self.include_background:
-            masks, there = masks[:, 1:], there[:, 1:]
-        classes = there.nonzero()[:, 1]  # (N,)
-        profile = complexity_profile(
-            masks[there], spatial_ndim=masks.ndim - 2, bins=self.bins, estimator=self.estimator, tol=self.tol
-        )
-        values = torch.stack([profile.mean(low, high) for low, high in self.windows.values()])  # (W, N)
+            masks, counted = masks[:, 1:], counted[:, 1:]
+        classes = counted.nonzero()[:, 1]  # (N,)
+        levels = {name: value for name, value in self.measure.options().items() if name in LEVEL_OPTIONS}
+        profile = complexity_profile(masks[counted], spatial_ndim=masks.ndim - 2, **levels)
+        values = torch.stack([profile.mean(*ends) for ends in self.measure.named_windows().values()])  # (W, N)
         blank = profile.radius == 0
         whole = (values.masked_fill(blank, 0.0) * UNIT).round().long()
         self.total.index_add_(1, classes, whole.to(self.total.device))
@@ -162,17 +171,16 @@ class ShapeComplexity(Metric):
         self.num_empty.index_add_(0, classes, blank.long().to(self.num_empty.device))
 
     def compute(self) -> Tensor | dict[str, Tensor]:
-        """The result over all shapes so far; see the class."""
-        worst = math.log2(self.bins) if self.estimator == "entropy" else 0.5
+        """The result over all shapes so far, as the class describes it."""
         charged = self.num_empty if self.empty == "worst" else torch.zeros_like(self.num_empty)
-        total = self.total.float() / UNIT + worst * charged  # (W, C)
+        total = self.total.float() / UNIT + self.measure.largest * charged.float()  # (W, C)
         number = (self.num_shapes + charged).expand_as(total)
         if self.average == "micro":
             total, number = total.sum(dim=1), number.sum(dim=1)
         mean = total / number  # NaN where there is no shape
         if self.average == "macro":
             mean = mean.nanmean(dim=1)
-        return dict(zip(self.windows, mean, strict=True)) if self.named else mean[0]
+        return mean[0] if self.measure.windows is None else dict(zip(self.measure.windows, mean, strict=True))
 
     def plot(self, val: Any = None, ax: Any = None) -> Any:
         """Draw one result or a sequence of them, as every torchmetrics metric does.
@@ -189,18 +197,126 @@ class ShapeComplexity(Metric):
         """
         figure, axes = self._plot(val, ax)
         for one in [axes] if hasattr(axes, "set_ylabel") else cast("Sequence[Any]", axes):
-            one.set_ylabel("complexity (bits)" if self.estimator == "entropy" else "complexity (share of max f)")
+            one.set_ylabel(f"complexity ({self.measure.unit})")
         return figure, axes
 
 
-def _windows(
-    low: float, high: float, windows: Mapping[str, tuple[float, float]] | None
-) -> dict[str, tuple[float, float]]:
-    if windows is None:
-        return {"": window(low, high)}
-    if (low, high) != (0.0, 1.0) or not windows:
+LEVEL_OPTIONS = LevelOptions.__optional_keys__
+
+
+@dataclass(frozen=True)
+class InputFormat:
+    """How predictions and targets of a segmentation model become one mask for each class.
+
+    The fields are the arguments of `ShapeComplexity` of the same names.
+
+    Raises:
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument has a wrong value.
+
+    Example:
+        >>> labels = torch.tensor([[[0, 1, 1]]])
+        >>> InputFormat(2, None, "index", None).masks(labels).int()
+        tensor([[[[1, 0, 0]],
+        <BLANKLINE>
+                 [[0, 1, 1]]]], dtype=torch.int32)
+    """
+
+    num_classes: int
+    threshold: float | None
+    input_format: str
+    ignore_index: int | None
+
+    def __post_init__(self) -> None:
+        count(self.num_classes, "num_classes")
+        choice(self.input_format, FORMATS, "input_format")
+        remedy = "Pass 0.0 for logits, 0.5 for probabilities."
+        object.__setattr__(self, "threshold", number_or_none(self.threshold, "threshold", remedy))
+        if self.threshold is not None and self.input_format == "index":
+            raise ValueError(
+                f'threshold must be None beside input_format="index", since labels are not thresholded; got '
+                f'{self.threshold}. Pass input_format="one-hot" for logits or probabilities.'
+            )
+        if self.ignore_index is None:
+            return
+        if isinstance(self.ignore_index, bool) or not isinstance(self.ignore_index, Integral):
+            raise TypeError(f"ignore_index must be an int or None; got {self.ignore_index!r}. Pass for example 255.")
+        if 0 <= self.ignore_index < self.num_classes:
+            raise ValueError(
+                f"ignore_index must be the number of no class, below 0 or from {self.num_classes} on; got "
+                f"{self.ignore_index}. Pass include_background=False to leave out class 0."
+            )
+
+    def masks(self, preds: Tensor) -> Tensor:
+        """Predictions as bool (B, C, *spatial)."""
+        _check_tensor(preds, "preds")
+        if self.input_format == "index":
+            _check_rank(preds, 1, 'Pass (B, *spatial) labels, or input_format="one-hot" for (B, C, *spatial).', "preds")
+            return self._one_hot(preds, "preds")
+        _check_rank(preds, 2, 'Pass (B, C, *spatial), or input_format="index" for (B, *spatial) labels.', "preds")
+        self._check_channels(preds, "preds")
+        if preds.is_floating_point() and bool(preds.isnan().any()):
+            raise ValueError("preds must hold no NaN; got some. Find out where the model's output became NaN.")
+        if self.threshold is not None:
+            return preds.detach() > self.threshold
+        if preds.is_floating_point() and self.num_classes > 1:
+            return self._one_hot(preds.argmax(dim=1), "preds")
+        if preds.is_floating_point() and not bool(((preds == 0) | (preds == 1)).all()):
+            raise ValueError(
+                "threshold must be a number for grey predictions of one class; got None. "
+                "Pass threshold=0.0 for logits, threshold=0.5 for probabilities."
+            )
+        return as_mask(preds, preds.ndim - 2, "preds")[0].reshape(preds.shape)
+
+    def present(self, target: Tensor, masks: Tensor) -> Tensor:
+        """Which classes are in which samples of the target, bool (B, C)."""
+        _check_tensor(target, "target")
+        if target.ndim == masks.ndim:
+            self._check_channels(target, "target")
+            inside = target != 0
+        else:
+            _check_rank(target, 1, "Pass (B, *spatial) labels or (B, C, *spatial) masks.", "target")
+            inside = self._one_hot(target, "target")
+        if inside.shape != masks.shape:
+            raise ValueError(
+                f"target must have the batch and spatial sizes of preds; got {tuple(target.shape)} beside masks "
+                f"{tuple(masks.shape)}. Resize one of them."
+            )
+        return inside.flatten(2).any(dim=2)
+
+    def _one_hot(self, labels: Tensor, name: str) -> Tensor:
+        """One mask for each class of integer labels (B, *spatial)."""
+        if labels.is_floating_point() or labels.is_complex() or labels.dtype == torch.bool:
+            raise TypeError(f"{name} must hold integer labels; got {labels.dtype}. Pass {name}.long().")
+        wrong = (labels < 0) | (labels >= self.num_classes)
+        if self.ignore_index is not None:
+            wrong &= labels != self.ignore_index
+        if bool(wrong.any()):
+            raise ValueError(
+                f"{name} must hold labels from 0 to {self.num_classes - 1}; got {labels[wrong][0].item()}. Pass it as "
+                "ignore_index if it stands for no class."
+            )
+        classes = torch.arange(self.num_classes, device=labels.device)
+        return labels[:, None] == classes.view(-1, *[1] * (labels.ndim - 1))
+
+    def _check_channels(self, x: Tensor, name: str) -> None:
+        if x.shape[1] != self.num_classes:
+            # Integers without a dimension for channels are labels, to all appearance.
+            labels = name == "preds" and x.ndim == 3 and not x.is_floating_point()
+            remedy = 'input_format="index" for (B, *spatial) labels, or ' if labels else ""
+            raise ValueError(
+                f"{name} must have num_classes={self.num_classes} channels; got {tuple(x.shape)}. "
+                f"Pass {remedy}num_classes={x.shape[1]}."
+            )
+
+
+def _check_tensor(x: object, name: str) -> None:
+    if not isinstance(x, Tensor):
+        raise TypeError(f"{name} must be a torch.Tensor; got {type(x).__name__}. Pass torch.as_tensor({name}).")
+
+
+def _check_rank(x: Tensor, leading: int, remedy: str, name: str) -> None:
+    if not leading < x.ndim <= leading + MAX_SPATIAL_NDIM:
         raise ValueError(
-            f"windows must name one window or more, and stand instead of low and high; got {dict(windows)!r} beside "
-            f"low={low!r}, high={high!r}. Pass for example windows={{'fine': (0.0, 0.25), 'coarse': (0.25, 1.0)}}."
+            f"{name} must have {leading + 1} to {leading + MAX_SPATIAL_NDIM} dimensions; got {tuple(x.shape)}. {remedy}"
         )
-    return {name: window(*ends) for name, ends in windows.items()}

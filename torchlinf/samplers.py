@@ -1,21 +1,23 @@
 """A sampler for loaders that draws samples by their complexity."""
 
 from collections.abc import Callable, Iterator, Sequence
-from math import ceil
+from math import ceil, inf
 
 import torch
 from torch import Tensor
 from torch.utils.data import Sampler
 
-from torchlinf._checks import count
+from torchlinf._checks import count, integer, number
+
+__all__ = ["ComplexitySampler"]
 
 
 class ComplexitySampler(Sampler[int]):
     """Draws samples of a dataset by their complexity: a range, weights, or a curriculum from simple to complex.
 
-    The scores are taken once, before training, by a pass over the dataset with `ShapeComplexityScore` or from the table
-    of `torchlinf score`. Every epoch draws equally many indices, whatever the share, so that schedules of the learning
-    rate need not know of it; a small pool is gone through several times.
+    Pass it as the `sampler` of a `DataLoader`. The scores are taken once, before training, by a pass over the dataset
+    with `ShapeComplexityScore` or from the table of `torchlinf score`. Every epoch draws equally many indices, whatever
+    the share, so that schedules of the learning rate need not know of it; a small pool is gone through several times.
 
     Args:
         scores: (N,) the complexity of each sample. Samples with NaN, those without a mask, are never drawn. Pass
@@ -55,10 +57,8 @@ class ComplexitySampler(Sampler[int]):
         num_replicas: int = 1,
         rank: int = 0,
     ) -> None:
-        values = torch.as_tensor(scores, dtype=torch.float64).detach().cpu()
-        if values.ndim != 1:
-            raise ValueError(f"scores must be (N,), one a sample; got {tuple(values.shape)}. Pass scores.flatten().")
-        low, high = (-torch.inf, torch.inf) if between is None else between
+        values = _scores(scores)
+        low, high = _range(between)
         kept = ((values >= low) & (values <= high)).nonzero()[:, 0]
         if not len(kept):
             raise ValueError(
@@ -66,16 +66,19 @@ class ComplexitySampler(Sampler[int]):
             )
         order = kept[values[kept].argsort(stable=True)]
         self.indices, self.scores = order, values[order]  # (n,) from simple to complex
-        self.share, self.weight, self.seed = share, weight, seed
-        self.num_replicas, self.rank = count(num_replicas, "num_replicas"), rank
-        if not 0 <= rank < num_replicas:
+        self.share = share if callable(share) else _share(share)
+        if weight is not None and not callable(weight):
+            raise TypeError(f"weight must be a function of the scores, or None; got {weight!r}. Pass torch.exp.")
+        self.weight, self.seed = weight, integer(seed, "seed", 0)
+        self.num_replicas, self.rank = count(num_replicas, "num_replicas"), integer(rank, "rank", 0)
+        if self.rank >= self.num_replicas:
             raise ValueError(f"rank must be from 0 to {num_replicas - 1}; got {rank}. Pass that of this process.")
         self.length = ceil((len(order) if num_samples is None else count(num_samples, "num_samples")) / num_replicas)
         self.epoch = 0
 
     def set_epoch(self, epoch: int) -> None:
-        """Set the epoch of the next pass."""
-        self.epoch = epoch
+        """Set the epoch of the next pass, an integer of 0 or more."""
+        self.epoch = integer(epoch, "epoch", 0)
 
     def __len__(self) -> int:
         """Indices an epoch, of this replica."""
@@ -83,12 +86,12 @@ class ComplexitySampler(Sampler[int]):
 
     def __iter__(self) -> Iterator[int]:
         """One epoch."""
-        generator = torch.Generator().manual_seed(self.seed + self.epoch)
+        generator = torch.Generator("cpu").manual_seed(self.seed + self.epoch)
         pool = self._pool(self.epoch)
         self.epoch += 1
         total = self.length * self.num_replicas
         if self.weight is None:
-            rounds = [torch.randperm(pool, generator=generator) for _ in range(ceil(total / pool))]
+            rounds = [torch.randperm(pool, generator=generator, device="cpu") for _ in range(ceil(total / pool))]
             drawn = torch.cat(rounds)[:total]
         else:
             drawn = torch.multinomial(self._weights(pool), total, replacement=True, generator=generator)
@@ -96,14 +99,12 @@ class ComplexitySampler(Sampler[int]):
 
     def _pool(self, epoch: int) -> int:
         """How many of the samples, from the simplest on, an epoch draws from."""
-        share = self.share(epoch) if callable(self.share) else self.share
-        if not 0 < share <= 1:
-            raise ValueError(f"share must be in (0, 1]; got {share!r} in epoch {epoch}. Pass for example 0.5.")
+        share = _share(self.share(epoch), f" in epoch {epoch}") if callable(self.share) else self.share
         return ceil(share * len(self.indices))
 
     def _weights(self, pool: int) -> Tensor:
         assert self.weight is not None
-        weights = torch.as_tensor(self.weight(self.scores[:pool]), dtype=torch.float64)
+        weights = torch.as_tensor(self.weight(self.scores[:pool]), dtype=torch.float64, device="cpu")
         good = weights.shape == (pool,) and bool((weights.isfinite() & (weights >= 0)).all()) and weights.sum() > 0
         if not good:
             raise ValueError(
@@ -111,3 +112,34 @@ class ComplexitySampler(Sampler[int]):
                 "Pass for example weight=torch.exp."
             )
         return weights
+
+
+def _scores(scores: Tensor | Sequence[float]) -> Tensor:
+    try:
+        values = torch.as_tensor(scores, dtype=torch.float64, device="cpu").detach()
+    except (TypeError, ValueError, RuntimeError):
+        raise TypeError(
+            f"scores must be a row of numbers; got {type(scores).__name__}. Pass a tensor or a list of floats."
+        ) from None
+    if values.ndim != 1:
+        raise ValueError(f"scores must be (N,), one a sample; got {tuple(values.shape)}. Pass scores.flatten().")
+    return values
+
+
+def _range(between: tuple[float, float] | None) -> tuple[float, float]:
+    if between is None:
+        return -inf, inf
+    wanted = "a pair (lowest, highest) or None"
+    if isinstance(between, str) or not isinstance(between, Sequence) or len(between) != 2:
+        raise TypeError(f"between must be {wanted}; got {between!r}. Pass for example (0.0, 3.0).")
+    low, high = (number(end, "between", wanted, "Pass for example (0.0, 3.0).") for end in between)
+    if not low <= high:
+        raise ValueError(f"between must be ordered, lowest first; got {between!r}. Pass for example (0.0, 3.0).")
+    return low, high
+
+
+def _share(share: float, when: str = "") -> float:
+    found = number(share, "share", "a number in (0, 1] or a function that gives one", "Pass for example 0.5.")
+    if not 0 < found <= 1:
+        raise ValueError(f"share must be in (0, 1]; got {share!r}{when}. Pass for example 0.5.")
+    return found

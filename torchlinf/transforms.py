@@ -1,8 +1,7 @@
-"""Scores in datasets and loaders: transforms that add the complexity of a mask, and a sampler that draws by it."""
+"""Scores in datasets: transforms that add the complexity of a mask. The sampler that draws by it is in `samplers`."""
 
 from collections.abc import Mapping, Sequence
-from numbers import Real
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import torch
@@ -10,36 +9,41 @@ from numpy.typing import ArrayLike, NDArray
 from PIL.Image import Image
 from torch import Tensor
 
-from torchlinf._checks import MAX_SPATIAL_NDIM, count, window
-from torchlinf.measure import Measure, ragged_profile
+from torchlinf._checks import flag, number_of_axes, number_or_none, real_dtype
+from torchlinf.measure import Measure, MeasureOptions, ragged_profile, takes
 from torchlinf.samplers import ComplexitySampler
 
 __all__ = ["ComplexitySampler", "ShapeComplexityScore", "ShapeComplexityScored"]
 
 
+@takes(MeasureOptions)
 class ShapeComplexityScore:
     """Transform from a mask to its complexity, the same number as `torchlinf.complexity`.
 
     Pass it as the `transform` or `target_transform` of a dataset, or call it in `__getitem__`. It is made for the
-    workers of a `DataLoader`, forked or spawned: it pickles, and runs on one thread there. Flips and axis swaps do not
-    change the score of a shape; rotations and rescaling do, a little.
+    workers of a `DataLoader`, forked or spawned: it pickles, and runs on one thread there. Flips and axis swaps change
+    the score of a shape by no more than the errors of the fields explain, at the default `tol` by nothing on all shapes
+    that were tried; rotations and rescaling change it a little.
 
     Args:
-        low: lower end of the window of scales, excluded.
-        high: upper end, included; 0 <= low < high <= 1.
-        threshold: what is inside. None takes what is not zero (0 and 255, labels, a palette), and of floating-point
-            masks only 0 and 1; with a number it is what is larger.
+        threshold: what is inside. A number for everything grey: inside is what is greater. None for masks: floating
+            point must hold 0 and 1, and integers (images of 0 and 255, palettes) 0 and one other value, which is
+            inside. A label map has several; pass `labels == k` for one object, or threshold=0 for all of them as one
+            shape.
         spatial_ndim: that many last dimensions are spatial, all others are batch; 2 for images, 3 for volumes.
-        bins: as in `torchlinf.complexity`.
-        estimator: "entropy" or "std", as there.
-        tol: relative error that the field is certified to.
+        dtype: of the result; None means float64, in which it is always computed.
+        {measure options}
+            Here rho must be None or one number, not a tensor.
+
+    Attributes:
+        measure: the `torchlinf.Measure` of the options.
 
     Shape:
-        - mask: a tensor or NumPy array, (*lead, *spatial), bool, integer or real; or a PIL image of one band (modes 1,
+        - mask: a tensor or NumPy array, (*batch, *spatial), bool, integer or real; or a PIL image of one band (modes 1,
           L, I, F, P). Colour and multi-band images raise.
-        - output: float64 tensor of the leading shape, a number without dimensions for a single mask, so that loaders
-          collate a batch of them to (B,). In bits, in [0, log2(bins)] (share of the field's maximum for "std"). NaN
-          for an empty mask, exactly 0.0 for a full one.
+        - output: tensor of the batch shape, a number without dimensions for a single mask, so that loaders collate a
+          batch of them to (B,); with `windows` a dictionary of them by name, from one solve. In bits (share of the
+          field's maximum for "std"), in [0, `measure.largest`]. NaN for an empty mask, exactly 0.0 for a full one.
 
     Not differentiable; computed on the CPU.
 
@@ -55,41 +59,51 @@ class ShapeComplexityScore:
         >>> score = ShapeComplexityScore(high=0.5)
         >>> score(shapes.disc(8)), score(255 * np.ones((9, 14), np.uint8))
         (tensor(1.0493, dtype=torch.float64), tensor(0., dtype=torch.float64))
+        >>> ShapeComplexityScore(windows={"fine": (0.0, 0.5), "coarse": (0.5, 1.0)})(shapes.disc(8))
+        {'fine': tensor(1.0493, dtype=torch.float64), 'coarse': tensor(0.1972, dtype=torch.float64)}
     """
 
     def __init__(
         self,
-        low: float = 0.0,
-        high: float = 1.0,
         *,
         threshold: float | None = None,
         spatial_ndim: int = 2,
-        bins: int = 1024,
-        estimator: str = "entropy",
-        tol: float = 1e-9,
+        dtype: torch.dtype | None = None,
+        **options: Unpack[MeasureOptions],
     ) -> None:
-        self.low, self.high = window(low, high)
-        if threshold is not None and (isinstance(threshold, bool) or not isinstance(threshold, Real)):
-            raise TypeError(f"threshold must be a number or None; got {threshold!r}. Pass for example threshold=0.5.")
-        self.threshold = threshold
-        self.spatial_ndim = count(spatial_ndim, "spatial_ndim")
-        if self.spatial_ndim > MAX_SPATIAL_NDIM:
-            raise ValueError(
-                f"spatial_ndim must be from 1 to {MAX_SPATIAL_NDIM}; got {spatial_ndim}. Pass 2 for images."
-            )
-        self.measure = Measure(low=low, high=high, bins=bins, estimator=estimator, tol=tol)
+        self.threshold = number_or_none(threshold, "threshold")
+        self.spatial_ndim = number_of_axes(spatial_ndim)
+        self.dtype = real_dtype(dtype)
+        self.measure = Measure.of(options, MeasureOptions)
+        self.measure.scalar_rho()
 
-    def __call__(self, mask: Tensor | ArrayLike | Image) -> Tensor:
-        """Score a mask; see the class."""
+    def __call__(self, mask: Tensor | ArrayLike | Image) -> Tensor | dict[str, Tensor]:
+        """Score a mask; the class describes the forms that it may come in."""
+        scores = self.by_window(mask)
+        return scores["complexity"] if self.measure.windows is None else scores
+
+    def by_window(self, mask: Tensor | ArrayLike | Image) -> dict[str, Tensor]:
+        """The scores by the name of their window, "complexity" if it is only one.
+
+        Example:
+            >>> ShapeComplexityScore().by_window(np.eye(3, dtype=bool))
+            {'complexity': tensor(0., dtype=torch.float64)}
+        """
         inside = self._inside(_array(mask))
-        lead = inside.shape[: inside.ndim - self.spatial_ndim]
-        shapes = inside.reshape(-1, *inside.shape[len(lead) :])
+        batch_shape = inside.shape[: inside.ndim - self.spatial_ndim]
+        shapes = inside.reshape(-1, *inside.shape[len(batch_shape) :])
         profile = ragged_profile(lambda i: shapes[i], len(shapes), self.measure)
-        return profile.mean(self.low, self.high).reshape(lead)
+        return {
+            name: profile.mean(*ends).reshape(batch_shape).to(self.dtype or torch.float64)
+            for name, ends in self.measure.named_windows().items()
+        }
 
     def __repr__(self) -> str:
         """As a call, with what a user may want to see in the print of a pipeline."""
-        return f"{type(self).__name__}(low={self.low}, high={self.high}, threshold={self.threshold})"
+        options = {"threshold": self.threshold, "spatial_ndim": self.spatial_ndim, **self.measure.options()}
+        if self.dtype is not None:
+            options["dtype"] = self.dtype
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in options.items())})"
 
     def _inside(self, mask: NDArray[Any]) -> NDArray[np.bool_]:
         if mask.dtype.kind not in "buif":
@@ -99,33 +113,43 @@ class ShapeComplexityScore:
                 f"mask must have at least spatial_ndim={self.spatial_ndim} dimensions, the last {self.spatial_ndim} of "
                 f"size 1 or more; got {mask.shape}. Pass spatial_ndim=... or another mask."
             )
+        if mask.dtype.kind == "f" and bool(np.isnan(mask).any()):
+            raise ValueError("mask must hold no NaN; got some. Replace it, for example by np.nan_to_num.")
         inside: NDArray[np.bool_] = mask != 0 if self.threshold is None else mask > self.threshold
-        if mask.dtype.kind != "f":
-            return inside
-        nan = bool(np.isnan(mask).any())
-        if nan or (self.threshold is None and not bool((mask[inside] == 1).all())):
-            got = "NaN. Replace it" if nan else f"{mask[inside & (mask != 1)][0]}. Pass threshold=0.5"
-            raise ValueError(
-                f"mask of floating point must hold only 0 and 1, or numbers without NaN beside a threshold; got {got}."
-            )
+        if self.threshold is None and mask.dtype.kind != "b":
+            _check_two_values(mask, inside)
         return inside
 
 
+@takes(MeasureOptions)
 class ShapeComplexityScored:
-    """The same for samples that are dictionaries, as in MONAI: `sample["mask"]` gives `sample["mask_complexity"]`.
+    """Transform of a sample that is a dictionary, as in MONAI: `sample["mask"]` gives `sample["mask_complexity"]`.
+
+    A call returns a new dictionary with the old entries and the scores; the sample itself is left as it was. The scores
+    are those of `ShapeComplexityScore`: float64, NaN for an empty mask, exactly 0.0 for a full one, not differentiable.
 
     Args:
-        keys: key of a mask, or several keys.
-        postfix: the score of `key` is stored as `key_postfix`.
+        keys: key of a mask, or several keys, at least one.
+        postfix: the score of the mask `key` is stored as `{key}_{postfix}`. With `windows` there is one score a window,
+            stored as `{key}_{name of the window}`, and the postfix is not used.
         allow_missing_keys: if True, keys that a sample does not have are passed over.
-        kwargs: the arguments of `ShapeComplexityScore`.
+        threshold: what is inside. A number for everything grey: inside is what is greater. None for masks: floating
+            point must hold 0 and 1, and integers 0 and one other value, which is inside.
+        spatial_ndim: that many last dimensions are spatial, all others are batch; 2 for images, 3 for volumes.
+        dtype: of the scores; None means float64.
+        {measure options}
+            Here rho must be None or one number, not a tensor.
 
-    Returns a new dictionary with the old entries and the scores; the sample itself is left as it was.
+    Attributes:
+        score: the `ShapeComplexityScore` that every mask goes through.
 
     Raises:
-        TypeError: as for `ShapeComplexityScore`, or the sample is no mapping.
-        ValueError: as there.
+        TypeError: an argument or a mask is of the wrong type, or the sample is no mapping.
+        ValueError: an argument has a wrong value, or a mask a wrong shape or values.
         KeyError: a key is not in the sample.
+        RuntimeError: a field could not be solved to `tol`.
+
+    Source: the measure is that of Arslan and Tari, IEEE TIP 2020.
 
     Example:
         >>> from torchlinf import shapes
@@ -140,15 +164,20 @@ class ShapeComplexityScored:
         *,
         postfix: str = "complexity",
         allow_missing_keys: bool = False,
-        **kwargs: Any,
+        threshold: float | None = None,
+        spatial_ndim: int = 2,
+        dtype: torch.dtype | None = None,
+        **options: Unpack[MeasureOptions],
     ) -> None:
-        self.keys = (keys,) if isinstance(keys, str) else tuple(keys)
+        self.keys = _keys(keys)
+        if not isinstance(postfix, str):
+            raise TypeError(f"postfix must be a string; got {postfix!r}. Pass for example 'complexity'.")
         self.postfix = postfix
-        self.allow_missing_keys = bool(allow_missing_keys)
-        self.score = ShapeComplexityScore(**kwargs)
+        self.allow_missing_keys = flag(allow_missing_keys, "allow_missing_keys")
+        self.score = ShapeComplexityScore(threshold=threshold, spatial_ndim=spatial_ndim, dtype=dtype, **options)
 
     def __call__(self, sample: Mapping[str, Any]) -> dict[str, Any]:
-        """Add the scores; see the class."""
+        """The sample with its scores; the class says under which keys."""
         if not isinstance(sample, Mapping):
             raise TypeError(f"sample must be a dictionary; got {type(sample).__name__}. Call ShapeComplexityScore.")
         missing = [key for key in self.keys if key not in sample]
@@ -156,12 +185,41 @@ class ShapeComplexityScored:
             raise KeyError(
                 f"keys must be in the sample; got {missing}, which has {list(sample)}. Pass allow_missing_keys=True."
             )
-        found = {f"{key}_{self.postfix}": self.score(sample[key]) for key in self.keys if key in sample}
-        return {**sample, **found}
+        scored = dict(sample)
+        for key in self.keys:
+            if key in sample:
+                for name, score in self.score.by_window(sample[key]).items():
+                    scored[f"{key}_{self.postfix if self.score.measure.windows is None else name}"] = score
+        return scored
 
     def __repr__(self) -> str:
         """As a call."""
         return f"{type(self).__name__}(keys={self.keys!r}, score={self.score!r})"
+
+
+def _keys(keys: str | Sequence[str]) -> tuple[str, ...]:
+    names = (keys,) if isinstance(keys, str) else keys
+    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+        raise TypeError(f"keys must be a string or several of them; got {keys!r}. Pass for example 'mask'.")
+    if not names:
+        raise ValueError("keys must name one mask or more; got none. Pass for example 'mask'.")
+    return tuple(names)
+
+
+def _check_two_values(mask: NDArray[Any], inside: NDArray[np.bool_]) -> None:
+    """Raise if a mask without a threshold is grey or a label map: what is inside would be a guess."""
+    values = mask[inside]
+    largest = values.max() if values.size else 1
+    if mask.dtype.kind == "f" and not bool((values == 1).all()):
+        raise ValueError(
+            f"mask of floating point must hold only 0 and 1 without a threshold; got {values[values != 1][0]}. "
+            "Pass threshold=0.5."
+        )
+    if mask.dtype.kind != "f" and not bool((values == largest).all()):
+        raise ValueError(
+            f"mask of integers must hold 0 and one other value without a threshold; got {values.min()} beside "
+            f"{largest}. Pass threshold=127 for grey images, mask == k for one label, threshold=0 for all labels."
+        )
 
 
 def _array(mask: Tensor | ArrayLike | Image) -> NDArray[Any]:

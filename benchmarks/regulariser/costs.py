@@ -82,12 +82,12 @@ MEMORY: dict[str, Function] = {
 }
 
 
-def step(max_moves: int, rounds: int) -> tuple[float, float]:
+def step(max_flips: int, rounds: int) -> tuple[float, float]:
     """One loss and its gradient, 16 x 1 x 128 x 128: median processor seconds, and least seconds on the clock.
 
     The least, since what else runs on the machine can only add to the clock.
     """
-    regulariser = ShapeComplexityLoss(activation="sigmoid", max_moves=max_moves)
+    regulariser = ShapeComplexityLoss(activation="sigmoid", max_flips=max_flips)
     found = []
     for _ in range(rounds + 1):
         logits = (8 * grey(batch(128)) - 4).float().requires_grad_()
@@ -110,9 +110,9 @@ def main() -> None:
     print("\n| step on 16 x 1 x 128 x 128 | threads | processor s | least clock s |\n|---|---|---|---|")
     for threads in (torch.get_num_threads(), 1):
         torch.set_num_threads(threads)
-        for moves in (16, 8):
-            processor, clock = step(moves, rounds)
-            print(f"| {moves} moves | {threads} | {processor:.2f} | {clock:.2f} |", flush=True)
+        for flips in (16, 8):
+            processor, clock = step(flips, rounds)
+            print(f"| {flips} region flips | {threads} | {processor:.2f} | {clock:.2f} |", flush=True)
     print("\n| 16 fields, one thread | side | forward s | backward s | backward / forward |\n|---|---|---|---|---|")
     for side in (64, 128, 256):
         for name, function, leaf in fields(side):

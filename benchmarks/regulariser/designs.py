@@ -17,17 +17,17 @@ Design = Callable[[Tensor], tuple[float, Tensor]]
 GENERATOR = torch.Generator()
 
 
-def exact_moves(probability: Tensor, max_moves: int = 64, deformations: bool = False) -> tuple[float, Tensor]:
-    """The design of the library: differences of the hard complexity under moves of whole regions."""
+def region_flip_gradient(probability: Tensor, max_flips: int = 64, deformations: bool = False) -> tuple[float, Tensor]:
+    """The design of the library: differences of the hard complexity under flips of whole regions."""
     leaf = probability.clone().requires_grad_()
-    value = ShapeComplexityLoss(max_moves=max_moves, deformations=deformations)(leaf[None, None])
+    value = ShapeComplexityLoss(max_flips=max_flips, deformations=deformations, keep_area=False)(leaf[None, None])
     value.backward()
     return value.item(), leaf.grad
 
 
-def few_moves(probability: Tensor) -> tuple[float, Tensor]:
-    """The same with at most 16 moves a step, as in training."""
-    return exact_moves(probability, max_moves=16)
+def few_flips(probability: Tensor) -> tuple[float, Tensor]:
+    """The same with at most 16 flips a step, as in training."""
+    return region_flip_gradient(probability, max_flips=16)
 
 
 def single_pixels(probability: Tensor) -> tuple[float, Tensor]:
@@ -37,7 +37,7 @@ def single_pixels(probability: Tensor) -> tuple[float, Tensor]:
         torchlinf.chessboard_distance(~inside, spatial_ndim=2) == 1
     )
     pixels = [edge.flatten().nonzero().numpy()]
-    value, [difference] = region_flips.differences(inside, [list(pixels[0])], 0.0, 1.0)
+    value, [difference] = region_flips.differences(inside, [list(pixels[0])], torchlinf.Measure())
     gradient = torch.zeros(probability.numel(), dtype=torch.float64)
     where = torch.from_numpy(pixels[0][:, 0])
     gradient[where] = torch.from_numpy(difference).nan_to_num() * torch.where(inside.flatten()[where], -1.0, 1.0)
@@ -88,9 +88,9 @@ def _smoothed(stack: Tensor, sigma: float) -> Tensor:
 
 
 DESIGNS: dict[str, Design] = {
-    "exact moves": exact_moves,
-    "exact moves, at most 16": few_moves,
-    "exact moves, at most 16, and deformations": partial(exact_moves, max_moves=16, deformations=True),
+    "region flips, at most 64": region_flip_gradient,
+    "region flips, at most 16": few_flips,
+    "region flips, at most 16, and deformations": partial(region_flip_gradient, max_flips=16, deformations=True),
     "single pixels": single_pixels,
     "thresholds": thresholds,
     "random perturbations": perturbations,

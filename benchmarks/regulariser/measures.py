@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import torch
+from scipy.stats import spearmanr
 from torch import Tensor
 
 import torchlinf
@@ -36,16 +37,8 @@ def sign_agreement(design: Design, families: Iterable[Family]) -> dict[str, tupl
 def rank_correlation(design: Design, shapes: Tensor) -> float:
     """Spearman's correlation of the design's value with the hard complexity."""
     hard = torchlinf.complexity(shapes, spatial_ndim=2)
-    soft = torch.tensor([design(shape.double())[0] for shape in shapes], dtype=torch.float64)
-    ranks = torch.stack([_ranks(hard), _ranks(soft)])
-    return torch.corrcoef(ranks)[0, 1].item()
-
-
-def _ranks(values: Tensor) -> Tensor:
-    """Ranks, the mean rank where values are equal."""
-    below = (values[None] < values[:, None]).sum(dim=1)
-    upto = (values[None] <= values[:, None]).sum(dim=1)
-    return (below + upto).double()
+    soft = [design(shape.double())[0] for shape in shapes]
+    return float(spearmanr(hard, soft).statistic)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from torchlinf._morphology import opened
 from torchlinf.field import chessboard_distance, linf_field
-from torchlinf.measure import complexity_map
+from torchlinf.measure import Measure, complexity_map
 
 Mask: TypeAlias = NDArray[np.bool_]
 Cut: TypeAlias = NDArray[np.int32]  # pieces 1, 2 ... of a part, 0 outside
@@ -20,44 +20,47 @@ ALONE = 4  # components that are also cut off alone, those with the largest shar
 PERSISTENCES = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)  # of the maxima of f / max f
 
 
-def openings(mask: Mask, low: float, high: float) -> Iterator[Cut]:
+def openings(mask: Mask, measure: Measure) -> Iterator[Cut]:
     """Cut along the boundaries of the unions of all squares of a side that fit into the part.
 
     Squares of side 2k - 1, larger than the contact of an appendage, do not reach into it; so this cuts off the
     appendage along its contact. Level k is the first that it does not act on. What sticks out is ranked by the
-    complexity that sits there, which is where f leaves the values of a square.
+    complexity that sits there, which is where f leaves the values of a square. The rank is that of the entropy, for
+    "std" too, which is no sum over pixels.
 
     Example:
-        >>> cuts = openings(np.array([[1, 1, 1, 1], [1, 1, 1, 1], [1, 1, 1, 0]], dtype=bool), 0.0, 1.0)
+        >>> cuts = openings(np.array([[1, 1, 1, 1], [1, 1, 1, 1], [1, 1, 1, 0]], dtype=bool), Measure())
         >>> next(cuts)
         array([[1, 1, 1, 2],
                [1, 1, 1, 2],
                [1, 1, 1, 0]], dtype=int32)
     """
     inside = torch.from_numpy(np.ascontiguousarray(mask))
-    share = complexity_map(inside, low=low, high=high, spatial_ndim=mask.ndim).numpy()
+    options = {**measure.options(), "estimator": "entropy"}
+    share = complexity_map(inside, spatial_ndim=mask.ndim, **options).numpy()
     radius = int(chessboard_distance(inside, spatial_ndim=mask.ndim).max())
     for k in np.unique(np.geomspace(1, radius, SIDES).round().astype(int)).tolist():
         core = opened(inside[None], (2 * k - 1,) * mask.ndim)[0].numpy()
         yield from _separate(mask, core, share)
 
 
-def watershed(mask: Mask, low: float, high: float) -> Iterator[Cut]:
+def watershed(mask: Mask, measure: Measure) -> Iterator[Cut]:
     """Cut along the watersheds of f between its maxima of some persistence; all at once, or one basin off the rest.
 
-    The window of scales is not used.
+    Of the measure only `rho` and `tol` matter.
 
     Example:
         >>> rooms = np.ones((9, 19), dtype=bool)
         >>> rooms[[0, 1, 2, 6, 7, 8], 9] = False
-        >>> next(watershed(rooms, 0.0, 1.0))[4]
+        >>> next(watershed(rooms, Measure()))[4]
         array([1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2, 2, 2, 2], dtype=int32)
     """
     from skimage.measure import label
     from skimage.morphology import h_maxima
     from skimage.segmentation import watershed as flood
 
-    field = linf_field(torch.from_numpy(np.ascontiguousarray(mask)), spatial_ndim=mask.ndim).numpy()
+    inside = torch.from_numpy(np.ascontiguousarray(mask))
+    field = linf_field(inside, rho=measure.rho, tol=measure.tol, spatial_ndim=mask.ndim).numpy()
     for persistence in PERSISTENCES:
         peaks = h_maxima(field, persistence).astype(bool) & mask  # type: ignore[no-untyped-call]
         seeds = label(peaks, connectivity=1)  # type: ignore[no-untyped-call]
@@ -105,4 +108,4 @@ def _cut_off(mask: Mask, off: Mask) -> Cut:
     return np.where(off, limbs + bodies, body).astype(np.int32)
 
 
-CANDIDATES: dict[str, Callable[[Mask, float, float], Iterator[Cut]]] = {"openings": openings, "watershed": watershed}
+CANDIDATES: dict[str, Callable[[Mask, Measure], Iterator[Cut]]] = {"openings": openings, "watershed": watershed}

@@ -1,41 +1,44 @@
-"""Parts of a shape that are simpler than the whole, cut where the field shows a joint.
+"""Parts of a shape that are simpler than the whole: the tree of cuts. Where cuts are tried is in `cut_candidates`.
 
-A tree of cuts is grown from the whole down, each cut the one that most lowers the complexity that a pixel sees on
-average. Then it is cut back, from the leaves up, to the parts of least total. Growing and cutting back, as for decision
+A tree of cuts is grown from the whole down, each cut the one that most lowers the mean of the complexity over the area.
+Then it is cut back, from the leaves up, to the parts of least objective. Growing and cutting back, as for decision
 trees, finds what single steps do not: often no cut alone lowers the sum of the complexities, though many together do.
 """
 
 from dataclasses import dataclass, field
-from numbers import Real
+from typing import Literal, Unpack
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf._checks import as_mask, choice, positive, window
+from torchlinf._checks import as_mask, choice, not_negative
 from torchlinf.decompose.cut_candidates import CANDIDATES, Cut, Mask
-from torchlinf.measure import Measure, ragged_profile
+from torchlinf.measure import Measure, WindowOptions, ragged_profile, takes
 
 __all__ = ["Decomposition", "parts"]
 
 SLACK = 1e-9  # bits; what is not lower by more counts as equal
-TOTALS = ("sum", "mean")
+OBJECTIVES = ("sum", "mean")
 
 
 @dataclass(frozen=True, eq=False)
 class Decomposition:
     """The parts of each shape of a batch; made by `parts`.
 
-    `lead` stands for the leading dimensions of the mask, (B, C) by default.
+    `batch` stands for the batch shape of the mask, (B, C) by default.
 
     Attributes:
         label_map: int64 like the mask, 0 outside; the parts of each shape are 1, 2 ... from the largest on, equal ones
             by their place. `torchlinf.labels.complexity_table` takes it, for a row of numbers on each part.
-        before: (*lead) float64, the complexity of the whole in bits; NaN for an empty shape.
-        after: (*lead) float64, the total of the parts in bits: never higher than `before`; NaN for an empty shape.
-        num_parts: (*lead) int64; 0 for an empty shape, 1 for one that is left whole.
-        num_solves: (*lead) int64, the certified fields that it took.
+        before: (*batch) float64, the complexity of the whole in bits (share of the field's maximum for "std"); NaN for
+            an empty shape.
+        after: (*batch) float64, the objective of the parts, without the penalty, in the same unit: never higher than
+            `before`; NaN for an empty shape.
+        num_parts: (*batch) int64; 0 for an empty shape, 1 for one that is left whole.
+        num_solves: (*batch) int64, the certified fields that it took.
+        measure: how complexity was measured.
     """
 
     label_map: Tensor
@@ -43,43 +46,45 @@ class Decomposition:
     after: Tensor
     num_parts: Tensor
     num_solves: Tensor
+    measure: Measure
 
 
+@takes(WindowOptions)
 def parts(
     mask: Tensor,
     *,
-    price: float = 0.0,
-    total: str = "sum",
-    candidates: str = "openings",
-    low: float = 0.0,
-    high: float = 1.0,
-    tol: float = 1e-9,
+    penalty_per_part: float = 0.0,
+    objective: Literal["sum", "mean"] = "sum",
+    candidates: Literal["openings", "watershed"] = "openings",
     spatial_ndim: int | None = None,
+    **options: Unpack[WindowOptions],
 ) -> Decomposition:
-    """Cut shapes into parts whose total complexity is lower than that of the whole.
+    """Cut shapes into parts that together are less complex than the whole.
 
     A shape stays whole if no decomposition that was found is strictly lower: boxes and all else of complexity zero do.
-    A box with narrower boxes on its faces falls apart into them, with total zero. What is found is the best of one tree
-    of cuts, not of all: no optimum is promised.
+    A box with narrower boxes on its faces falls apart into them, of complexity zero. What is found is the best of one
+    tree of cuts, not of all: no optimum is promised.
 
     Args:
         mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1, nonzero is inside; each (b, c) is one
             shape.
-        price: bits that every cut-off part must save, 0 or more. Without it most shapes fall into very many boxes.
-        total: what is to be lowered: "sum", of the complexities of the parts, or their "mean" over the area, which is
-            what a pixel sees on average. A part of a complex shape is often hardly less complex than the whole, so that
-            few parts lower the mean but not the sum.
+        penalty_per_part: what every part beyond the first must save, 0 or more, in the unit of the complexity. Without
+            a penalty most shapes fall into very many boxes.
+        objective: what is to be lowered: "sum", of the complexities of the parts, or their "mean", weighted by area. A
+            part of a complex shape is often hardly less complex than the whole, so that few parts lower the mean but
+            not the sum.
         candidates: where cuts are tried: "openings", along the boundary of the union of all squares (cubes) of a side
             that fit into the part, for sides of all sizes; or "watershed", along the saddles of f.
-        low: lower end of the window of scales, excluded; of each part's own scales.
-        high: upper end of the window, included; 0 <= low < high <= 1.
-        tol: relative error the fields are certified to.
         spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
+        {measure options}
+            Scales are fractions of each part's own radius. Here rho must be None or one number, not a tensor.
 
     Returns:
-        A `Decomposition`. A part is connected through faces of pixels, unless the shape was left whole. Deterministic;
-        flips and axis swaps of a shape flip and swap its parts (the numbers of equal ones aside), and what else is in
-        the batch does not matter. The work is done on the CPU. Not differentiable.
+        A `Decomposition`. A part is connected through faces of pixels, unless the shape was left whole. An empty shape
+        has no parts and NaN values; a full mask is a box and stays whole. Deterministic, and what else is in the batch
+        does not matter. Flips and axis swaps of a shape flip and swap its parts (the numbers of equal ones aside), as
+        far as the errors of the fields allow: at the default `tol` they did on all shapes that were tried. The work is
+        done on the CPU. Not differentiable.
 
     Raises:
         TypeError: an argument is of the wrong type.
@@ -103,35 +108,35 @@ def parts(
         >>> float(found.before) > 0.5, float(found.after)
         (True, 0.0)
     """
+    measure = Measure.of(options, WindowOptions)
+    measure.scalar_rho()
     rule = _Rule(
-        price=_from_zero(price),
-        total=choice(total, TOTALS, "total"),
+        penalty_per_part=not_negative(penalty_per_part, "penalty_per_part"),
+        objective=choice(objective, OBJECTIVES, "objective"),
         candidates=choice(candidates, tuple(CANDIDATES), "candidates"),
-        limits=window(low, high),
-        tol=positive(tol, "tol"),
+        measure=measure,
     )
-    shapes, lead = as_mask(mask, spatial_ndim)
-    label_map = torch.zeros(shapes.shape, dtype=torch.int64)
-    totals = torch.full((2, len(shapes)), torch.nan, dtype=torch.float64)  # before, after
-    counts = torch.zeros((2, len(shapes)), dtype=torch.int64)  # parts, solves
+    shapes, batch_shape = as_mask(mask, spatial_ndim)
+    label_map = torch.zeros(shapes.shape, dtype=torch.int64, device="cpu")
+    values = torch.full((2, len(shapes)), torch.nan, dtype=torch.float64, device="cpu")  # before, after
+    counts = torch.zeros((2, len(shapes)), dtype=torch.int64, device="cpu")  # parts, solves
     for i, shape in enumerate(shapes.numpy(force=True)):
         if shape.any():
             tree = _Tree(shape, rule)
             leaves = tree.leaves()
             _number(label_map[i].numpy(), leaves)
-            totals[:, i] = torch.tensor([tree.root.value, tree.total(leaves)], dtype=totals.dtype)
-            counts[:, i] = torch.tensor([len(leaves), tree.num_solves])
-    before, after, num_parts, num_solves = (row.reshape(lead).to(mask.device) for row in (*totals, *counts))
-    return Decomposition(label_map.reshape(mask.shape).to(mask.device), before, after, num_parts, num_solves)
+            values[0, i], values[1, i] = tree.root.value, tree.objective(leaves)
+            counts[0, i], counts[1, i] = len(leaves), tree.num_solves
+    before, after, num_parts, num_solves = (row.reshape(batch_shape).to(mask.device) for row in (*values, *counts))
+    return Decomposition(label_map.reshape(mask.shape).to(mask.device), before, after, num_parts, num_solves, measure)
 
 
 @dataclass(frozen=True)
 class _Rule:
-    price: float
-    total: str
+    penalty_per_part: float
+    objective: str
     candidates: str
-    limits: tuple[float, float]
-    tol: float
+    measure: Measure
 
 
 @dataclass(eq=False)
@@ -160,43 +165,46 @@ class _Tree:
                 waiting += part.pieces
 
     def leaves(self) -> list[_Part]:
-        """The parts of least total, prices included, that the tree can be cut back to."""
+        """The parts of least objective, penalties included, that the tree can be cut back to."""
         return self._cut_back(self.root)[1]
 
-    def total(self, parts: list[_Part]) -> float:
+    def objective(self, parts: list[_Part]) -> float:
         """Sum of the complexities, or their mean over the area; the same in whatever order the parts come."""
         return sum(sorted(self._weighted(part) for part in parts))
 
     def _weighted(self, part: _Part) -> float:
-        return part.value if self.rule.total == "sum" else part.value * part.area / self.root.area
+        return part.value if self.rule.objective == "sum" else part.value * part.area / self.root.area
 
     def _measure(self, parts: list[_Part]) -> None:
         self.num_solves += len(parts)
-        profile = ragged_profile(lambda i: parts[i].mask, len(parts), Measure(tol=self.rule.tol))
-        for part, value in zip(parts, profile.mean(*self.rule.limits).tolist(), strict=True):
+        profile = ragged_profile(lambda i: parts[i].mask, len(parts), self.rule.measure)
+        for part, value in zip(
+            parts, profile.mean(self.rule.measure.low, self.rule.measure.high).tolist(), strict=True
+        ):
             part.value, part.area = value, int(part.mask.sum())
 
     def _best_cut(self, part: _Part) -> list[_Part]:
-        """The pieces of the candidate that lowers the mean over the area most, prices included; none if none does."""
+        """The pieces of the candidate that most lowers the mean over the area, with penalties; none if none does."""
         self.num_solves += 1  # that of the candidates
-        tried = [_boxed(cut, part.corner) for cut in CANDIDATES[self.rule.candidates](part.mask, *self.rule.limits)]
+        tried = [_boxed(cut, part.corner) for cut in CANDIDATES[self.rule.candidates](part.mask, self.rule.measure)]
         self._measure([piece for pieces in tried for piece in pieces])
         best: list[_Part] = []
         most = SLACK
         for pieces in tried:
             mean = sum(piece.value * piece.area for piece in pieces) / part.area
-            gain = part.value - mean - self.rule.price * (len(pieces) - 1)
+            gain = part.value - mean - self.rule.penalty_per_part * (len(pieces) - 1)
             # Gains that are equal up to rounding are told apart by what flips do not change.
             if gain > most + SLACK or (best and gain > most - SLACK and len(pieces) < len(best)):
                 best, most = pieces, gain
         return best
 
     def _cut_back(self, part: _Part) -> tuple[float, list[_Part]]:
+        """The least objective of what a part can be left as, penalties included, and the parts that reach it."""
         whole = self._weighted(part)
         below = [self._cut_back(piece) for piece in part.pieces]
-        total = sum(cost for cost, _ in below) + self.rule.price * (len(below) - 1)
-        if below and total < whole - SLACK:
-            return total, [leaf for _, leaves in below for leaf in leaves]
+        cut = sum(least for least, _ in below) + self.rule.penalty_per_part * (len(below) - 1)
+        if below and cut < whole - SLACK:
+            return cut, [leaf for _, leaves in below for leaf in leaves]
         return whole, [part]
 
 
@@ -204,11 +212,11 @@ def _boxed(cut: Cut, corner: tuple[int, ...] = ()) -> list[_Part]:
     """The pieces of a cut, each in its box; `corner` is that of the box of the cut."""
     from scipy.ndimage import find_objects
 
-    found = []
+    pieces = []
     for number, box in enumerate(find_objects(cut), start=1):
         inner = tuple(side.start for side in box)
-        found.append(_Part(cut[box] == number, tuple(map(sum, zip(inner, corner, strict=True))) if corner else inner))
-    return found
+        pieces.append(_Part(cut[box] == number, tuple(map(sum, zip(inner, corner, strict=True))) if corner else inner))
+    return pieces
 
 
 def _number(label_map: NDArray[np.int64], parts: list[_Part]) -> None:
@@ -216,11 +224,3 @@ def _number(label_map: NDArray[np.int64], parts: list[_Part]) -> None:
     for number, part in enumerate(sorted(parts, key=lambda part: (-part.area, part.corner)), start=1):
         box = tuple(slice(low, low + size) for low, size in zip(part.corner, part.mask.shape, strict=True))
         label_map[box][part.mask] = number
-
-
-def _from_zero(price: float) -> float:
-    if isinstance(price, bool) or not isinstance(price, Real):
-        raise TypeError(f"price must be a number of 0 or more; got {price!r}. Pass bits, as a float.")
-    if not 0 <= price < np.inf:
-        raise ValueError(f"price must be finite and 0 or more; got {price!r}. Pass 0.0 for none.")
-    return float(price)

@@ -1,81 +1,101 @@
-"""Losses that simplify what a network predicts."""
+"""Losses that simplify what a network predicts. Their gradient is computed in `torchlinf.losses.gradient`."""
 
 from collections.abc import Callable, Sequence
+from typing import Literal, Unpack
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from torchlinf._checks import MAX_SPATIAL_NDIM, choice, count, fraction, window
+from torchlinf._checks import MAX_SPATIAL_NDIM, choice, count, flag, fraction, not_negative
+from torchlinf.losses.gradient import region_flip_gradient, without_area
+from torchlinf.measure import Measure, WindowOptions, takes
 
 __all__ = ["ShapeComplexityLoss"]
 
-WORST = 10.0  # bits: log2 of the 1024 bins, which the complexity of no shape exceeds
+Activation = Literal["sigmoid", "softmax"] | Callable[[Tensor], Tensor] | None
+Weight = float | Sequence[float] | Tensor
 
-Activation = str | Callable[[Tensor], Tensor] | None
-ACTIVATIONS: dict[str, Callable[[Tensor], Tensor]] = {
-    "sigmoid": torch.sigmoid,
-    "softmax": lambda logits: torch.softmax(logits, dim=1),
-}
+
+def _softmax_over_channels(logits: Tensor) -> Tensor:
+    return torch.softmax(logits, dim=1)  # a function with a name, which pickles
+
+
+ACTIVATIONS: dict[str, Callable[[Tensor], Tensor]] = {"sigmoid": torch.sigmoid, "softmax": _softmax_over_channels}
 REDUCTIONS = ("none", "mean", "sum")
+LOW_PRECISION = (torch.float16, torch.bfloat16)
 
 
+@takes(WindowOptions)
 class ShapeComplexityLoss(nn.Module):
     """Hard complexity of predicted shapes, with a gradient that moves their boundaries.
 
     The value is `torchlinf.complexity` of the thresholded prediction, so that what is logged is what a user would
-    measure. Its gradient comes from exact moves: regions of the shape that might be removed or
-    filled as a whole are tried one by one, and the change dC that each of them makes to the complexity is spread over
-    its pixels. Moving the probability of a region R by a small e changes the loss by e dC(R), up to other moves that
-    overlap R.
+    measure. The gradient is a finite difference under region flips: regions of the shape are removed or filled as a
+    whole, one by one, and the change dC that each flip makes to the complexity is spread over the pixels of its region.
+    Moving the probability of a region R by a small e changes the loss by e dC(R), up to other regions that overlap R.
 
-    It regularises; it does not know what is in the image. Add it to a data term, such as Dice or cross-entropy. A
-    `weight` of 0.1 to 10 beside a cross-entropy averaged over pixels is a range to begin with. It is most useful once
-    the predicted shapes resemble something: let a network train some epochs without it.
+    It regularises; it does not know what is in the image. Add it to a data term, such as Dice or cross-entropy. It is
+    most useful once the predicted shapes resemble something: let a network train some epochs without it.
+
+    The right `weight` depends on the data term and on the task; begin low. Measured beside the sum of Dice and a
+    cross-entropy averaged over pixels, on a small U-Net for 64 x 64 footprints of buildings: 0.06 lowered the
+    complexity by 15 to 32 % and raised the IoU; 0.15 emptied shapes in one run. Watch the number of empty predictions
+    (`torchlinf.metrics.ShapeComplexity` counts them), and lower the weight when it grows.
 
     Args:
-        low: lower end of the window of scales, excluded. Scales are fractions of each shape's own radius.
-        high: upper end, included; 0 <= low < high <= 1. Small scales are near the boundary: (0, 0.25] asks for a
-            smooth outline and leaves the gross form alone.
-        weight: factor of the loss, a number or one for each channel (after the background is dropped), 0 or more.
+        weight: factor of the loss, a number or one for each channel (after the background is dropped), 0 or more. It
+            may be assigned between steps: `loss.weight = 0.06`.
         activation: what makes probabilities of the input: None if it holds them already, "sigmoid", "softmax" (over
-            the channels), or a callable.
+            the channels), or a callable. float16 and bfloat16 inputs become float32 before it.
         reduction: "mean" over the shapes, "sum", or "none" for a (B, C) tensor.
         include_background: if False, channel 0 is dropped.
-        keep_area: if True, a constant is added to the density wherever the prediction is in doubt, such that the loss
-            neither gains nor loses when all logits of a shape rise or fall together. Most moves that simplify remove
-            pixels; a network soon learns what they have in common, which is to shrink everything. Recommended for
-            networks; leave it False where pixels are free parameters and what is to go is larger than what stays in
-            doubt.
-        threshold: a pixel is inside a shape if its probability is larger; in (0, 1).
-        max_moves: moves tried per shape at most, spread over all sizes of regions. Each is one solve; the time of a
-            step is about that of `torchlinf.complexity` on (1 + max_moves) B C masks.
-        deformations: if True, each shape is also scaled, stretched, sheared, turned and squared, a little to and fro,
-            and the gradient corrected so that its slope along them is right, unless the shape is rough. It then knows
-            better what slivers along all sides at once are worth, for 20 more solves a shape (44 in three dimensions).
+        keep_area: if True, the gradient is balanced wherever the prediction is in doubt, such that the loss neither
+            gains nor loses when all logits of a shape rise or fall together. Most flips that simplify remove pixels,
+            and a network soon learns what they have in common, which is to shrink everything: with False, in the
+            training named above, all held-out predictions of one seed of two became empty. Pass False where the pixels
+            themselves are the parameters: there a square with blocks grown onto it became the square again with False
+            (complexity 0.65 to 0.06 bits), and a larger, more complex shape with True (0.65 to 0.82).
+        threshold: a pixel is inside a shape if its probability is greater; in (0, 1).
+        max_flips: regions that are flipped per shape at most, spread over all sizes of regions. Each is one solve; the
+            time of a step is about that of `torchlinf.complexity` on (1 + max_flips) B C masks.
+        deformations: if True, each shape is also scaled, stretched, sheared, turned and squared, a little backwards and
+            forwards, and the gradient is corrected so that its slope along them is right, unless the shape is rough. It
+            then knows better what slivers along all sides at once are worth, for 4, 20, 44 or 80 more solves a shape in
+            1, 2, 3 or 4 dimensions.
+        {measure options}
+            Here rho must be None or one number, not a tensor.
+
+    Attributes:
+        measure: the `torchlinf.Measure` of the options.
 
     Shape:
-        - input: (B, C, *spatial) with 1 to 3 spatial dimensions, each (b, c) one shape, floating point, any device; the
-          moves are computed on the CPU. float16 and bfloat16 give a float32 loss.
-        - target: like input, optional. The loss needs no target. If one is given, shapes that are empty in it (classes
-          that are not in the image) are left out: they count neither in the loss nor in the mean.
+        - input: (B, C, *spatial) with 1 to 4 spatial dimensions, each (b, c) one shape, floating point, any device; the
+          flips are computed on the CPU. float16 and bfloat16 give a float32 loss.
+        - target: like input, optional; nonzero is inside. The loss needs no target. If one is given, shapes that are
+          empty in it (classes that are not in the image) are left out: they count neither in the loss nor in the mean.
         - mask: broadcastable to input, bool, optional; where it is False no gradient goes. The shape's geometry is
           still that of the whole prediction. For labels (B, *spatial) with an `ignore_index` pass
           `(labels != ignore_index)[:, None]`.
-        - output: a number, or (B, C) for reduction "none", with zeros for shapes left out.
+        - output: a number, or (B, C) for reduction "none", with zeros for shapes left out; in bits (share of the
+          field's maximum for "std"), times the weight.
 
-    An empty shape is not a simple shape: it costs 10 bits, which the complexity of no shape exceeds, and no move that
-    removes more than half of a shape is tried. No gradient can bring an empty shape back; that is the data term's task.
-    A full prediction is a box: value 0. NaN in the input gives NaN.
+    An empty shape is not a simple shape: it costs `measure.largest`, which the complexity of no shape exceeds: 10 bits,
+    the log2 of the bins, by default (0.5 for "std"). No region of more than half of a shape is flipped. No gradient can
+    bring an empty shape back; that is the data term's task. A full prediction is a box: value 0. NaN in the input gives
+    NaN.
 
-    Differentiable once in the input; second derivatives see a constant gradient. Deterministic, the same for flipped
-    input, and independent of the rest of the batch. It works under `torch.compile` (the moves are one opaque step) and
-    under autocast.
+    Differentiable once in the input; second derivatives see a constant gradient. Deterministic, and independent of the
+    rest of the batch. A mirror image has the same loss and the mirrored gradient, as far as the errors of the fields
+    allow: at the default `tol` to rounding, at a coarse one not. It works under `torch.compile` (the flips are one
+    opaque step) and under autocast, and it pickles unless `activation` does not.
 
     Raises:
         TypeError: an argument is of the wrong type.
         ValueError: an argument has a wrong value, or the input a wrong shape or values outside [0, 1].
+        RuntimeError: a field could not be solved to `tol`.
 
-    Source: the measure is that of Arslan and Tari, IEEE TIP 2020; the gradient is this library's.
+    Source: the measure is that of Arslan and Tari, IEEE TIP 2020; the gradient is this library's, docs/regulariser.
 
     Example:
         >>> from torchlinf import shapes
@@ -89,39 +109,50 @@ class ShapeComplexityLoss(nn.Module):
 
     def __init__(
         self,
-        low: float = 0.0,
-        high: float = 1.0,
-        weight: float | Sequence[float] | Tensor = 1.0,
-        activation: Activation = None,
-        reduction: str = "mean",
         *,
+        weight: Weight = 1.0,
+        activation: Activation = None,
+        reduction: Literal["mean", "sum", "none"] = "mean",
         include_background: bool = True,
-        keep_area: bool = False,
+        keep_area: bool = True,
         threshold: float = 0.5,
-        max_moves: int = 16,
+        max_flips: int = 16,
         deformations: bool = False,
+        **options: Unpack[WindowOptions],
     ) -> None:
         super().__init__()
-        self.low, self.high = window(low, high)
+        self.measure = Measure.of(options, WindowOptions)
+        self.measure.scalar_rho()
+        self.weight = weight
         self.activation = _activation(activation)
         self.reduction = choice(reduction, REDUCTIONS, "reduction")
-        self.include_background = bool(include_background)
-        self.keep_area = bool(keep_area)
+        self.include_background = flag(include_background, "include_background")
+        self.keep_area = flag(keep_area, "keep_area")
         self.threshold = fraction(threshold, "threshold")
-        self.max_moves = count(max_moves, "max_moves")
-        self.deformations = bool(deformations)
-        self.weight: Tensor
-        self.register_buffer("weight", _weight(weight), persistent=False)
+        self.max_flips = count(max_flips, "max_flips")
+        self.deformations = flag(deformations, "deformations")
+
+    @property
+    def weight(self) -> float | tuple[float, ...]:
+        """The factor of the loss, a number or one for each channel."""
+        return self._weight
+
+    @weight.setter
+    def weight(self, weight: Weight) -> None:
+        # Plain numbers, not a buffer: `half()` would round it, and some devices have no float64.
+        self._weight = _weight(weight)
 
     def forward(self, input: Tensor, target: Tensor | None = None, mask: Tensor | None = None) -> Tensor:
-        """The loss of a batch; see the class."""
-        _check_input(input, target)
-        if self.activation is ACTIVATIONS["softmax"] and input.shape[1] == 1:
+        """The loss of a batch; the class describes the shapes of `input`, `target` and `mask`."""
+        _check_input(input, target, mask)
+        if self.activation is _softmax_over_channels and input.shape[1] == 1:
             raise ValueError(
                 'activation="softmax" needs 2 channels or more; got 1, of which every probability is 1. Pass "sigmoid".'
             )
-        probability = input if self.activation is None else self.activation(input)
-        if probability.dtype in (torch.float16, torch.bfloat16):
+        # Before the activation: sigmoid(0.001) is 0.5 in bfloat16, on the wrong side of the threshold.
+        logits = input.float() if input.dtype in LOW_PRECISION else input
+        probability = logits if self.activation is None else self.activation(logits)
+        if probability.dtype in LOW_PRECISION:  # by a callable, or by autocast within it
             probability = probability.float()
         if not self.include_background:
             if input.shape[1] == 1:
@@ -131,94 +162,63 @@ class ShapeComplexityLoss(nn.Module):
                 )
             probability = probability[:, 1:]
             target = target if target is None else target[:, 1:]
-            mask = mask if mask is None or mask.shape[1] == 1 else mask[:, 1:]
+            mask = mask if mask is None else mask.expand_as(input)[:, 1:]
         return self._reduce(self._complexity(probability, mask), target)
 
     def extra_repr(self) -> str:
         """The options, for print."""
-        return (
-            f"low={self.low}, high={self.high}, reduction={self.reduction!r}, max_moves={self.max_moves}, "
-            f"deformations={self.deformations}"
-        )
+        options = {
+            "weight": self.weight,
+            "reduction": self.reduction,
+            "keep_area": self.keep_area,
+            "max_flips": self.max_flips,
+            "deformations": self.deformations,
+            **self.measure.options(),
+        }
+        return ", ".join(f"{name}={value!r}" for name, value in options.items())
 
     def _complexity(self, probability: Tensor, mask: Tensor | None) -> Tensor:
-        """(B, C): the hard values, with the gradient of the moves."""
+        """(B, C): the hard values, with the gradient under region flips."""
         flat = probability.flatten(0, 1)
-        value, density = exact_moves(
-            flat.detach(), self.threshold, self.low, self.high, self.max_moves, self.deformations
+        measure = self.measure
+        value, gradient = region_flip_gradient(
+            flat.detach(),
+            self.threshold,
+            self.max_flips,
+            self.deformations,
+            measure.low,
+            measure.high,
+            measure.bins,
+            measure.estimator,
+            measure.rho,  # type: ignore[arg-type]  # a number or None, checked in __init__
+            measure.tol,
         )
-        here = torch.ones_like(flat) if mask is None else mask.expand_as(probability).flatten(0, 1).to(flat)
-        density = density * here
+        counted = torch.ones_like(flat) if mask is None else mask.expand_as(probability).flatten(0, 1).to(flat)
+        gradient = gradient * counted
         if self.keep_area:
-            density = _without_area(density, here * (flat * (1 - flat)).detach())
-        # A zero that has the gradient of sum(density * p).
-        carrier = density * (flat - flat.detach())
+            gradient = without_area(gradient, counted * (flat * (1 - flat)).detach())
+        # A zero that has the gradient of sum(gradient * p).
+        carrier = gradient * (flat - flat.detach())
         return (value + carrier.flatten(1).sum(dim=1)).reshape(probability.shape[:2])
 
     def _reduce(self, value: Tensor, target: Tensor | None) -> Tensor:
-        weight = self.weight.to(value)
-        if weight.ndim and len(weight) != value.shape[1]:
-            raise ValueError(
-                f"weight must be a number or hold one for each of the {value.shape[1]} channels; got {len(weight)}. "
-                "With include_background=False leave out that of the background."
-            )
-        value = value * weight
-        number = value.new_tensor(value.numel())
+        if isinstance(self.weight, tuple):
+            if len(self.weight) != value.shape[1]:
+                raise ValueError(
+                    f"weight must be a number or hold one for each of the {value.shape[1]} channels; got "
+                    f"{len(self.weight)}. With include_background=False leave out that of the background."
+                )
+            value = value * torch.tensor(self.weight, dtype=value.dtype, device=value.device)
+        else:
+            value = value * self.weight
+        number = torch.tensor(value.numel(), dtype=value.dtype, device=value.device)
         if target is not None:
-            there = (target != 0).flatten(2).any(dim=2)
-            value = torch.where(there, value, 0.0)
-            number = there.sum().clamp(min=1)
+            present = (target != 0).flatten(2).any(dim=2)
+            value = torch.where(present, value, 0.0)
+            number = present.sum().clamp(min=1)
         if self.reduction == "none":
             return value
         return value.sum() / number if self.reduction == "mean" else value.sum()
-
-
-def _without_area(density: Tensor, doubt: Tensor) -> Tensor:
-    """Subtract the multiple of p (1 - p) that makes the density neutral to a common shift of the logits, (N, *spatial).
-
-    Such a shift changes p by p (1 - p), so that is the density's product with p (1 - p).
-
-    Example:
-        >>> _without_area(torch.tensor([[2.0, 0.0, 5.0]]), torch.tensor([[0.25, 0.25, 0.0]]))
-        tensor([[ 1., -1.,  5.]])
-    """
-    flat, doubt = density.flatten(1), doubt.flatten(1)
-    excess = (flat * doubt).sum(dim=1) / doubt.square().sum(dim=1).clamp(min=torch.finfo(doubt.dtype).tiny)
-    return (flat - excess[:, None] * doubt).reshape(density.shape)
-
-
-@torch.library.custom_op("torchlinf::exact_moves", mutates_args=())
-def exact_moves(
-    probability: Tensor, threshold: float, low: float, high: float, max_moves: int, deformations: bool = False
-) -> tuple[Tensor, Tensor]:
-    """Complexity (N,) of thresholded shapes (N, *spatial) and the density of its exact differences, like them.
-
-    An operator of its own, so that torch.compile sees one opaque step and no graph breaks. The values of empty shapes
-    are `WORST`. Not differentiable; `ShapeComplexityLoss` makes a gradient of the density.
-
-    Example:
-        >>> exact_moves(torch.ones(1, 4, 6), 0.5, 0.0, 1.0, 16)[0]
-        tensor([0.])
-    """
-    from torchlinf.losses.region_flips import move_gradient
-
-    there = probability.detach().cpu()
-    if bool(((there < 0) | (there > 1)).any()):
-        raise ValueError(
-            f"input must hold probabilities in [0, 1]; got values from {there.min():.4g} to {there.max():.4g}. "
-            'Pass activation="sigmoid" or "softmax" for logits.'
-        )
-    value, density = move_gradient(
-        there, threshold=threshold, low=low, high=high, max_moves=max_moves, deformations=deformations
-    )
-    return value.nan_to_num(nan=WORST).to(probability), density.to(probability)
-
-
-@exact_moves.register_fake
-def _(
-    probability: Tensor, threshold: float, low: float, high: float, max_moves: int, deformations: bool = False
-) -> tuple[Tensor, Tensor]:
-    return probability.new_empty(len(probability)), torch.empty_like(probability)
 
 
 def _activation(activation: Activation) -> Callable[[Tensor], Tensor] | None:
@@ -231,18 +231,17 @@ def _activation(activation: Activation) -> Callable[[Tensor], Tensor] | None:
     return ACTIVATIONS[choice(activation, tuple(ACTIVATIONS), "activation")]
 
 
-def _weight(weight: float | Sequence[float] | Tensor) -> Tensor:
-    tensor = torch.as_tensor(weight, dtype=torch.float64).detach().clone()
-    if tensor.ndim > 1 or not bool((torch.isfinite(tensor) & (tensor >= 0)).all()):
-        raise ValueError(
-            f"weight must be one number or a row of them, finite and 0 or more; got {weight!r}. Pass for example 1.0."
-        )
-    return tensor
+def _weight(weight: Weight) -> float | tuple[float, ...]:
+    plain = weight.tolist() if isinstance(weight, Tensor | np.ndarray) else weight
+    if isinstance(plain, Sequence) and not isinstance(plain, str):
+        return tuple(not_negative(number, "weight") for number in plain)
+    return not_negative(plain, "weight")
 
 
-def _check_input(input: Tensor, target: Tensor | None) -> None:
-    if not isinstance(input, Tensor):
-        raise TypeError(f"input must be a torch.Tensor; got {type(input).__name__}. Pass torch.as_tensor(...).")
+def _check_input(input: Tensor, target: Tensor | None, mask: Tensor | None) -> None:
+    for name, tensor in (("input", input), ("target", target), ("mask", mask)):
+        if not isinstance(tensor, Tensor) and (tensor is not None or name == "input"):
+            raise TypeError(f"{name} must be a torch.Tensor; got {type(tensor).__name__}. Pass torch.as_tensor(...).")
     if not input.is_floating_point():
         raise TypeError(f"input must be floating point; got {input.dtype}. Pass probabilities or logits.")
     if not 3 <= input.ndim <= MAX_SPATIAL_NDIM + 2 or 0 in input.shape:
@@ -255,3 +254,16 @@ def _check_input(input: Tensor, target: Tensor | None) -> None:
             f"target must have the shape of input, {tuple(input.shape)}; got {tuple(target.shape)}. "
             "Pass one channel for each class (one-hot)."
         )
+    if mask is not None:
+        if mask.dtype != torch.bool:
+            raise TypeError(f"mask must be bool; got {mask.dtype}. Pass mask != 0.")
+        if not _broadcasts(mask, input):
+            raise ValueError(
+                f"mask must broadcast to the shape of input, {tuple(input.shape)}; got {tuple(mask.shape)}. "
+                "Pass (B, 1, *spatial) for all channels."
+            )
+
+
+def _broadcasts(mask: Tensor, input: Tensor) -> bool:
+    sizes = zip(reversed(mask.shape), reversed(input.shape), strict=False)
+    return mask.ndim <= input.ndim and all(side in (1, size) for side, size in sizes)

@@ -235,10 +235,14 @@ def takes(kind: type) -> Callable[[Documented], Documented]:
     def decorate(target: Documented) -> Documented:
         own = inspect.signature(target).parameters.values()
         plain = [parameter for parameter in own if parameter.kind is not parameter.VAR_KEYWORD]
+        # `**options` are the measure's alone; keywords of another name hold more, such as those of every metric.
+        rest = [
+            parameter for parameter in own if parameter.kind is parameter.VAR_KEYWORD and parameter.name != "options"
+        ]
         added = [
             inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=defaults[name]) for name in names_of(kind)
         ]
-        target.__signature__ = inspect.Signature([*plain, *added])  # type: ignore[attr-defined]
+        target.__signature__ = inspect.Signature([*plain, *added, *rest])  # type: ignore[attr-defined]
         if target.__doc__ is not None:
             target.__doc__ = "\n".join(_filled(target.__doc__, names_of(kind)))
         return target

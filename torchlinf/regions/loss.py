@@ -68,7 +68,7 @@ class DecisionRegionLoss(nn.Module):
         self.grid = None if bounds is None else Grid.within(bounds, resolution)
         self.resolution, self.margin = resolution, margin
         self.complexity = ShapeComplexityLoss(
-            low, high, weight, reduction="none", keep_area=keep_area, max_moves=max_moves
+            low=low, high=high, weight=weight, reduction="none", keep_area=keep_area, max_flips=max_moves
         )
         if self.grid is not None and len(self.grid.axes) > 3:
             raise ValueError(f"bounds must be of 1 to 3 features; got {len(self.grid.axes)}. Pass points, for planes.")

@@ -51,6 +51,15 @@ def test_a_threshold_makes_every_channel_a_mask_of_its_own() -> None:
     assert torch.allclose(alone, by_class(logits[:, :1] > 0).mean().float())
 
 
+def test_grey_integers_may_be_thresholded_and_one_class_may_be_a_mask() -> None:
+    grey = torch.randint(0, 256, (4, 3, 11, 14), generator=torch.Generator().manual_seed(0), dtype=torch.uint8)
+    assert torch.allclose(ShapeComplexity(3, threshold=127)(grey), by_class(grey > 127).mean().float())
+    mask = (grey > 127)[:, :1]
+    for preds in (mask, mask.float(), mask.long()):
+        assert torch.allclose(ShapeComplexity(1)(preds), by_class(mask).mean().float())
+        assert torch.allclose(ShapeComplexity(1, threshold=0.5)(preds), by_class(mask).mean().float())
+
+
 def test_what_is_not_in_the_target_is_left_out() -> None:
     index = labels()
     target = index.clone()
@@ -94,6 +103,18 @@ def test_the_layout_in_memory_does_not_matter() -> None:
         ({"num_classes": 1, "include_background": False}, ValueError, "num_classes of 2 or more"),
         ({"low": 0.5, "high": 0.2}, ValueError, "low < high"),
         ({"windows": {}}, ValueError, "windows must name"),
+        ({"windows": [(0.0, 0.5)]}, TypeError, "windows must map"),
+        ({"rho": torch.ones(3)}, TypeError, "rho must be None or one number"),
+        ({"bins": 0}, ValueError, "bins must be"),
+        ({"num_classes": "two"}, TypeError, "num_classes must be"),
+        ({"threshold": True}, TypeError, "threshold must be a number or None"),
+        ({"threshold": float("nan")}, ValueError, "threshold must be a number or None"),
+        ({"threshold": 0.5, "input_format": "index"}, ValueError, "labels are not thresholded"),
+        ({"ignore_index": 2.0}, TypeError, "ignore_index must be an int"),
+        ({"ignore_index": 2}, ValueError, "ignore_index must be the number of no class"),
+        ({"average": 3}, TypeError, "average must be one of"),
+        ({"average": ""}, ValueError, "average must be one of"),
+        ({"include_background": "no"}, TypeError, "include_background must be True or False"),
         ({"windows": {"fine": (0, 0.5)}, "high": 0.5}, ValueError, "instead of low and high"),
         ({"windows": {"fine": (0.5, 0.5)}}, ValueError, "low < high"),
         ({"average": "weighted"}, ValueError, "average must be one of"),
@@ -121,9 +142,9 @@ def test_wrong_options(options: dict[str, Any], error: type[Exception], words: s
         ({}, torch.full((2, 3, 5, 6), 2), ValueError, "preds must hold only 0 and 1; got 2"),
         (
             {"num_classes": 1},
-            torch.zeros(2, 1, 5, 6),
+            torch.full((2, 1, 5, 6), 0.3),
             ValueError,
-            "threshold must be a number where",
+            "threshold must be a number for grey predictions",
         ),
         ({"input_format": "index"}, torch.zeros(2, 5, 6), TypeError, "integer labels; got torch.float32"),
         ({"input_format": "index"}, torch.full((2, 5, 6), 3), ValueError, "labels from 0 to 2; got 3"),
