@@ -152,6 +152,19 @@ def count(value: int, name: str) -> int:
     return int(value)
 
 
+def from_zero(value: int, name: str) -> int:
+    """Return `value` as an int if it is an integer of 0 or more, else raise.
+
+    >>> from_zero(0, "seed")
+    0
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise TypeError(f"{name} must be an integer of 0 or more; got {value!r}. Pass an int.")
+    if value < 0:
+        raise ValueError(f"{name} must be an integer of 0 or more; got {value!r}. Pass 0 or a positive int.")
+    return int(value)
+
+
 def fraction(value: float, name: str) -> float:
     """Return `value` as a float if it lies strictly between 0 and 1, else raise.
 

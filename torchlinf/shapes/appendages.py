@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchlinf._checks import choice, count
-from torchlinf.shapes._margin import from_zero, with_margin
+from torchlinf._checks import choice, count, from_zero
+from torchlinf.shapes._margin import with_margin
 
 # Each face as its axis, counted from the last as in (depth, height, width), and whether it is the far end of that axis.
 FACES = {

@@ -6,8 +6,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from torchlinf._checks import count
-from torchlinf.shapes._margin import from_zero, with_margin
+from torchlinf._checks import count, from_zero
+from torchlinf.shapes._margin import with_margin
 
 
 def band(points: Sequence[Sequence[int]], width: int, *, margin: int = 0) -> Tensor:

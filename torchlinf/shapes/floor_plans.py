@@ -3,8 +3,8 @@
 import torch
 from torch import Tensor
 
-from torchlinf._checks import count
-from torchlinf.shapes._margin import from_zero, with_margin
+from torchlinf._checks import count, from_zero
+from torchlinf.shapes._margin import with_margin
 
 # Aperture in pixels, and sides of the obstacle, of the plans P0 to P4 with rooms of side 128.
 PLANS = ((0, (0, 0)), (32, (0, 0)), (32, (32, 4)), (80, (0, 0)), (80, (32, 4)))
