@@ -1,5 +1,7 @@
 """Line-drawn floor plans: rooms, the walls between them, apertures in the walls, and an obstacle."""
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
@@ -29,7 +31,8 @@ def floor_plan(number: int, *, margin: int = 0) -> Tensor:
         bool tensor (260 + 2 margin, 260 + 2 margin), True where one can stand; its radius D is 64.
 
     Raises:
-        TypeError, ValueError: an argument is no integer, or out of range.
+        TypeError: an argument is no integer.
+        ValueError: an argument is out of range.
 
     Source: Arslan and Tari (2020), whose sizes these are; how their rooms lie to each other, where the obstacle stands,
     and how thick the walls are is not in the text.
@@ -56,7 +59,7 @@ def rooms(
 ) -> Tensor:
     """Square rooms in rows and columns, an aperture in the middle of every wall between two of them.
 
-    An aperture shows at scales up to aperture / side and at none above, like an appendage: it is a joint.
+    An aperture adds complexity at scales up to aperture / side and at none above, like an appendage of that width.
 
     Args:
         rows: number of rooms from top to bottom, 1 or more.
@@ -72,7 +75,8 @@ def rooms(
         bool tensor, the bounding box of the rooms plus the margin.
 
     Raises:
-        TypeError, ValueError: an argument is no integer, or out of range.
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument is out of range.
 
     Example:
         >>> rooms(1, 2, side=4, wall=1, aperture=2).int()
@@ -82,6 +86,8 @@ def rooms(
                 [1, 1, 1, 1, 0, 1, 1, 1, 1]], dtype=torch.int32)
     """
     side, wall = count(side, "side"), count(wall, "wall")
+    if not isinstance(obstacle, Sequence) or len(obstacle) != 2:
+        raise TypeError(f"obstacle must be a pair (height, width); got {obstacle!r}. Pass (0, 0) for none.")
     for name, length in (("aperture", aperture), ("obstacle", obstacle[0]), ("obstacle", obstacle[1])):
         if from_zero(length, name) > side:
             raise ValueError(f"{name} must fit into a room of side {side}; got {length}. Pass {side} or less.")
