@@ -1,7 +1,9 @@
 """Where the nodes of a Hasse diagram go: in ranks from below, so that few lines cross and most run straight.
 
 It is the layout of layered graphs in four steps (Sugiyama, Tagawa and Toda, 1981): ranks, bends, an order within each
-rank, and places. networkx has no layout that orders the nodes of a rank.
+rank, and places. `networkx.multipartite_layout` has ranks alone: it does not arrange the nodes within a rank, and its
+straight lines run through shapes on the ranks between, as if they led to them. On random orders of 12 shapes it has
+more than three times as many crossings as this layout (tests/test_layered_layout.py).
 """
 
 from collections.abc import Hashable, Mapping
