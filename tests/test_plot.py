@@ -174,7 +174,9 @@ def test_nothing_overlaps_or_leaves_the_page(draw: Draw, count: int) -> None:
 
 
 def test_decision_regions_lie_where_the_classes_are() -> None:
-    found = decision_region_complexity(lambda p: (p[:, 0] > 1) * 2, [(0, 3), (-1, 1)], (7, 5), classes=[0, 1, 2])
+    found = decision_region_complexity(
+        lambda p: (p[:, 0] > 1) * 2, [(0, 3), (-1, 1)], resolution=(7, 5), classes=[0, 1, 2]
+    )
     ax = plot.decision_regions(found)
     image = ax.images[0]
     assert image.get_extent() == pytest.approx((-0.25, 3.25, -1.25, 1.25))
@@ -187,12 +189,23 @@ def test_decision_regions_lie_where_the_classes_are() -> None:
     assert [text.get_text() for text in ax.get_legend().texts] == ["0: 0.00 bits", "2: 0.00 bits"]
 
 
+def test_decision_regions_name_their_window_and_unit() -> None:
+    disc = decision_region_complexity(lambda p: p.norm(dim=1) < 1, [(-2, 2)] * 2, resolution=31)
+    ax = plot.decision_regions(disc, low=0.25, high=0.75)
+    assert ax.get_title() == f"{float(disc.overall(0.25, 0.75)):.2f} bits"
+    assert ax.get_legend().texts[1].get_text() == f"True: {float(disc.mean(0.25, 0.75)[1]):.2f} bits"
+    deviations = decision_region_complexity(lambda p: p.norm(dim=1) < 1, [(-2, 2)] * 2, resolution=31, estimator="std")
+    assert plot.decision_regions(deviations).get_title() == f"{float(deviations.overall()):.3f} of max f"
+    with pytest.raises(ValueError, match="low and high must obey"):
+        plot.decision_regions(disc, low=0.5, high=0.5)
+
+
 def test_decision_planes_show_their_points() -> None:
-    found = decision_plane(lambda p: p[:, :3], torch.eye(3, 5, dtype=torch.float64) * 2, 12)
+    found = decision_plane(lambda p: p[:, :3], torch.eye(3, 5, dtype=torch.float64) * 2, resolution=12)
     ax = plot.decision_regions(found)
     np.testing.assert_allclose(np.transpose(ax.lines[0].get_data()), found.plane.corners)
     assert labels(ax)[0] == "along the longest side"
-    line = decision_region_complexity(lambda p: p[:, 0] > 1, [(0, 3)], 7)
+    line = decision_region_complexity(lambda p: p[:, 0] > 1, [(0, 3)], resolution=7)
     with pytest.raises(ValueError, match="two axes; got 1"):
         plot.decision_regions(line)
 
@@ -342,4 +355,4 @@ def test_without_matplotlib_it_says_what_to_install(monkeypatch: pytest.MonkeyPa
         with pytest.raises(ImportError, match=r"pip install 'torchlinf\[plot\]'"):
             draw(DISC)
     with pytest.raises(ImportError, match=r"pip install 'torchlinf\[plot\]'"):
-        plot.decision_regions(decision_region_complexity(lambda p: p[:, 0] > 1, [(0, 3), (0, 2)], 7))
+        plot.decision_regions(decision_region_complexity(lambda p: p[:, 0] > 1, [(0, 3), (0, 2)], resolution=7))

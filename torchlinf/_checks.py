@@ -139,30 +139,27 @@ def positive_tensor(value: Tensor, shape: tuple[int, ...], name: str) -> Tensor:
         ) from None
 
 
+def integer(value: int, name: str, least: int) -> int:
+    """Return `value` as an int if it is an integer of `least` or more, else raise.
+
+    >>> integer(0, "seed", 0)
+    0
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise TypeError(f"{name} must be an integer of {least} or more; got {value!r}. Pass an int.")
+    if value < least:
+        remedy = "Pass a positive int." if least == 1 else f"Pass {least} or a larger int."
+        raise ValueError(f"{name} must be an integer of {least} or more; got {value!r}. {remedy}")
+    return int(value)
+
+
 def count(value: int, name: str) -> int:
     """Return `value` as an int if it is an integer of 1 or more, else raise.
 
     >>> count(3, "bins")
     3
     """
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise TypeError(f"{name} must be an integer of 1 or more; got {value!r}. Pass an int.")
-    if value < 1:
-        raise ValueError(f"{name} must be an integer of 1 or more; got {value!r}. Pass a positive int.")
-    return int(value)
-
-
-def from_zero(value: int, name: str) -> int:
-    """Return `value` as an int if it is an integer of 0 or more, else raise.
-
-    >>> from_zero(0, "seed")
-    0
-    """
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise TypeError(f"{name} must be an integer of 0 or more; got {value!r}. Pass an int.")
-    if value < 0:
-        raise ValueError(f"{name} must be an integer of 0 or more; got {value!r}. Pass 0 or a positive int.")
-    return int(value)
+    return integer(value, name, 1)
 
 
 def fraction(value: float, name: str) -> float:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import torch
@@ -18,6 +18,15 @@ from torchlinf.regions.grids import Grid
 RESPONSES = ("auto", "decision_function", "predict_proba", "predict")  # in the order in which "auto" looks for them
 CHUNK_POINTS = 1 << 14  # points asked for at a time, unless they have very many features:
 CHUNK_NUMBERS = 1 << 22  # features of all points of a chunk, 32 MiB
+
+
+class ResponseOptions(TypedDict):
+    """How the responses of a classifier are asked for and become classes; arguments of all entry points."""
+
+    response_method: str
+    threshold: float | None
+    classes: Sequence[Any] | None
+    chunk_size: int | None
 
 
 @dataclass(frozen=True)
@@ -57,7 +66,7 @@ def class_masks(
     if threshold is not None and (isinstance(threshold, bool) or not isinstance(threshold, Real)):
         raise TypeError(f"threshold must be a number or None; got {threshold!r}. Pass for example 0.5.")
     responder = _responder(classifier, response_method)
-    names = responder.classes if classes is None else tuple(classes)
+    names = responder.classes if classes is None else _names(classes)
     with _evaluating(classifier):
         parts = [
             _reduce(response, names, threshold, responder) for response in _in_chunks(responder.ask, grid, chunk_size)
@@ -68,6 +77,16 @@ def class_masks(
     else:
         masks, names = found.T, names or tuple(range(found.shape[1]))
     return torch.from_numpy(np.ascontiguousarray(masks)).reshape(len(names), *grid.shape), names
+
+
+def _names(classes: Sequence[Any]) -> tuple[Any, ...]:
+    """The names of the classes, each once."""
+    if isinstance(classes, str) or not hasattr(classes, "__iter__"):
+        raise TypeError(f"classes must be a sequence of names; got {classes!r}. Pass for example ['cat', 'dog'].")
+    names = tuple(classes)
+    if len(set(names)) < len(names):
+        raise ValueError(f"classes must differ from each other; got {list(names)}. Name each class once.")
+    return names
 
 
 def _responder(classifier: Any, response_method: str) -> Responder:

@@ -3,9 +3,9 @@
 import torch
 from torch import Tensor
 
-from torchlinf._checks import from_zero
+from torchlinf._checks import integer
 
 
 def with_margin(shape: Tensor, margin: int) -> Tensor:
     """Return the shape with `margin` outside pixels on every side."""
-    return torch.nn.functional.pad(shape, [from_zero(margin, "margin")] * (2 * shape.ndim))
+    return torch.nn.functional.pad(shape, [integer(margin, "margin", 0)] * (2 * shape.ndim))

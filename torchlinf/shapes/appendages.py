@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchlinf._checks import choice, count, from_zero
+from torchlinf._checks import choice, count, integer
 from torchlinf.shapes._margin import with_margin
 
 # Each face as its axis, counted from the last as in (depth, height, width), and whether it is the far end of that axis.
@@ -131,7 +131,7 @@ def _along_face(appendage: Appendage, side: int) -> tuple[int, int]:
     width = count(appendage.width, "width")
     start = (side - width) // 2
     if appendage.offset is not None:
-        start = from_zero(appendage.offset, "offset")
+        start = integer(appendage.offset, "offset", 0)
     if not 0 <= start <= side - width:
         raise ValueError(
             f"width and offset must keep the appendage on its face of side {side}; got width={width}, "

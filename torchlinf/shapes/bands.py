@@ -7,7 +7,7 @@ from numbers import Integral
 import torch
 from torch import Tensor
 
-from torchlinf._checks import count, from_zero
+from torchlinf._checks import count, integer
 from torchlinf.shapes._margin import with_margin
 
 
@@ -72,7 +72,7 @@ def diagonal_pair(side: int, shift: int, *, margin: int = 0) -> Tensor:
                 [1, 1, 1],
                 [0, 1, 1]], dtype=torch.int32)
     """
-    side, shift = count(side, "side"), from_zero(shift, "shift")
+    side, shift = count(side, "side"), integer(shift, "shift", 0)
     if shift > side:
         raise ValueError(f"shift must be from 0 to side={side}; got {shift}. Pass side for squares that touch.")
     whole = torch.zeros(side + shift, side + shift, dtype=torch.bool)

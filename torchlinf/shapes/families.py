@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from torch import Tensor
 
-from torchlinf._checks import count, from_zero
+from torchlinf._checks import count, integer
 from torchlinf.shapes.appendages import Appendage, cube_with_appendages, with_appendages
 from torchlinf.shapes.bands import band, diagonal_pair
 from torchlinf.shapes.basic import rectangle, square
@@ -112,7 +112,7 @@ def appendage_dictionary(
     for name, values in (("numbers", numbers), ("widths", widths)):
         if not isinstance(values, Sequence):
             raise TypeError(f"{name} must be a sequence of integers; got {values!r}. Pass for example ({values!r},).")
-    if any(from_zero(number, "numbers") > len(SIDES) for number in numbers):
+    if any(integer(number, "numbers", 0) > len(SIDES) for number in numbers):
         raise ValueError(f"numbers must be integers from 0 to 4; got {list(numbers)}. Pass at most one for each side.")
     return {
         f"{number} x {width} {position}": with_appendages(

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from torchlinf._checks import count, from_zero
+from torchlinf._checks import count, integer
 from torchlinf.shapes._margin import with_margin
 
 # Aperture in pixels, and sides of the obstacle, of the plans P0 to P4 with rooms of side 128.
@@ -41,7 +41,7 @@ def floor_plan(number: int, *, margin: int = 0) -> Tensor:
         >>> floor_plan(3, margin=2).shape
         torch.Size([264, 264])
     """
-    if from_zero(number, "number") >= len(PLANS):
+    if integer(number, "number", 0) >= len(PLANS):
         raise ValueError(f"number must be from 0 to {len(PLANS) - 1}; got {number}. Pass 0 for the closed rooms.")
     aperture, obstacle = PLANS[number]
     return rooms(2, 2, aperture=aperture, obstacle=obstacle, margin=margin)
@@ -89,7 +89,7 @@ def rooms(
     if not isinstance(obstacle, Sequence) or len(obstacle) != 2:
         raise TypeError(f"obstacle must be a pair (height, width); got {obstacle!r}. Pass (0, 0) for none.")
     for name, length in (("aperture", aperture), ("obstacle", obstacle[0]), ("obstacle", obstacle[1])):
-        if from_zero(length, name) > side:
+        if integer(length, name, 0) > side:
             raise ValueError(f"{name} must fit into a room of side {side}; got {length}. Pass {side} or less.")
     numbers = count(rows, "rows"), count(columns, "columns")
     row, column = (torch.arange(n * (side + wall) - wall) % (side + wall) for n in numbers)  # counted in each room

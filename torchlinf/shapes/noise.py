@@ -91,7 +91,7 @@ def random_patches(factor: int, count: int, seed: int) -> list[Patch]:
     [5, 3, 1, 4]
     """
     factor, count = _checks.count(factor, "factor"), _checks.count(count, "count")
-    generator = torch.Generator().manual_seed(_checks.from_zero(seed, "seed"))
+    generator = torch.Generator().manual_seed(_checks.integer(seed, "seed", 0))
 
     def normal(size: int) -> NDArray[np.int64]:
         drawn = torch.randn(size, generator=generator, dtype=torch.float64)
