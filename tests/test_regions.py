@@ -29,7 +29,7 @@ def stripes(points: Tensor) -> Tensor:
     return (points[:, 0] + points[:, 1] ** 2).floor().long() % 3
 
 
-# --- the open boundary -------------------------------------------------------------------------------------------------
+# --- the open boundary ------------------------------------------------------------------------------------------------
 
 
 def within(pixel: Pixel, shape: tuple[int, ...]) -> list[Pixel]:
