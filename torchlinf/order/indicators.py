@@ -43,8 +43,8 @@ def means_over(
     profiles: Sequence[ComplexityProfile], windows: Mapping[str, tuple[float, float]]
 ) -> NDArray[np.float64]:
     """Mean of each shape over each window: (shapes, windows)."""
-    found = [[float(profile.mean(low, high)) for low, high in windows.values()] for profile in profiles]
-    return np.array(found, dtype=np.float64).reshape(-1, len(windows))
+    means = [[float(profile.mean(low, high)) for low, high in windows.values()] for profile in profiles]
+    return np.array(means, dtype=np.float64).reshape(-1, len(windows))
 
 
 def values_at_all_scales(profiles: Sequence[ComplexityProfile]) -> NDArray[np.float64]:

@@ -168,13 +168,13 @@ def chains(graph: "DiGraph") -> list[list[Node]]:
     """
     after, _ = _matched(graph)
     nodes = list(graph)
-    found = []
+    cover = []
     for start in sorted(set(range(len(nodes))) - set(after.values())):
         chain = [start]
         while chain[-1] in after:
             chain.append(after[chain[-1]])
-        found.append([nodes[i] for i in chain])
-    return found
+        cover.append([nodes[i] for i in chain])
+    return cover
 
 
 def largest_antichain(graph: "DiGraph") -> list[Node]:

@@ -43,16 +43,16 @@ class Diagram(NamedTuple):
     """A diagram before it is drawn.
 
     Attributes:
-        steps: the order without what follows from its other steps.
-        found: layout from left to right.
+        steps: the order without the edges that follow from others.
+        layout: ranks, and places from left to right.
         boxes: of each node.
         bottoms: of each rank, and of one more above the last.
         cell: height of a shape with its lines of text.
-        letters: how many fit below a shape.
+        letters: how many letters fit below a shape.
     """
 
     steps: "DiGraph"
-    found: Layers
+    layout: Layers
     boxes: dict[Node, Box]
     bottoms: list[float]
     cell: float
@@ -177,20 +177,20 @@ def _lay_out(steps: "DiGraph", room: float) -> tuple[Diagram, float]:
     """Place the nodes; equal shapes stand side by side, more than three in a square. Also the unit in inches."""
     columns = {node: len(node) if len(node) <= 3 else ceil(sqrt(len(node))) for node in steps}
     widths: dict[Hashable, float] = {node: count * (1 + GAP) - GAP for node, count in columns.items()}
-    found = layers(steps, widths, GAP)
-    width = max(found.x[node] + widths[node] / 2 for node in steps)
+    layout = layers(steps, widths, GAP)
+    width = max(layout.x[node] + widths[node] / 2 for node in steps)
     unit = min(max(room / (width + GAP), SMALLEST), LARGEST)
     lines = 2 if any(steps.nodes[node].get("indicators") for node in steps) else 1
     cell = 1 + (TEXT * lines + 0.06) / unit
     boxes: dict[Node, Box] = {}
     bottoms = [0.0]
-    for rank in found.ranks:
+    for rank in layout.ranks:
         nodes = cast("list[Node]", [node for node in rank if not isinstance(node, Bend)])
         for node in nodes:
             height = ceil(len(node) / columns[node]) * cell
-            boxes[node] = Box(found.x[node] - widths[node] / 2, bottoms[-1], widths[node], height, columns[node])
+            boxes[node] = Box(layout.x[node] - widths[node] / 2, bottoms[-1], widths[node], height, columns[node])
         bottoms.append(bottoms[-1] + max(boxes[node].height for node in nodes) + RISE)
-    return Diagram(steps, found, boxes, bottoms, cell, int((1 + GAP) * unit / LETTER)), unit
+    return Diagram(steps, layout, boxes, bottoms, cell, int((1 + GAP) * unit / LETTER)), unit
 
 
 def _size(diagram: Diagram) -> tuple[float, float]:
@@ -201,11 +201,11 @@ def _draw_line(
     ax: "Axes", diagram: Diagram, drawn: Mapping[str, NDArray[np.bool_]], edge: tuple[Node, Node], is_lit: bool
 ) -> None:
     """From above a shape, or the frame of several, along the bends to below another."""
-    (start, end), x, bottoms = edge, diagram.found.x, diagram.bottoms
+    (start, end), x, bottoms = edge, diagram.layout.x, diagram.bottoms
     box = diagram.boxes[start]
     spare = 1 - _extent(drawn[start[0]])[1] if len(start) == 1 else 0.0
     points = [(x[start], box.bottom + box.height - spare + PAD)]
-    for i, rank in enumerate(diagram.found.ranks):
+    for i, rank in enumerate(diagram.layout.ranks):
         bend = Bend(edge, i)
         if bend in rank:
             points += [(x[bend], bottoms[i]), (x[bend], bottoms[i + 1] - RISE)]

@@ -113,12 +113,12 @@ def against_others(logits: Tensor) -> Tensor:
 
 def _logits(answer: Tensor, number: int) -> Tensor:
     """(P, C) with 2 classes or more."""
-    found = answer[:, None] if answer.ndim == 1 else answer
-    if found.ndim != 2 or len(found) != number:
+    logits = answer[:, None] if answer.ndim == 1 else answer
+    if logits.ndim != 2 or len(logits) != number:
         raise ValueError(
             f"model must answer ({number},) or ({number}, classes) for {number} points; got {tuple(answer.shape)}. "
             "Wrap it in one that reshapes its output."
         )
-    if not bool(found.detach().isfinite().all()):
+    if not bool(logits.detach().isfinite().all()):
         raise ValueError("model must answer finite numbers; got NaN or infinity. Lower the learning rate.")
-    return torch.cat([torch.zeros_like(found), found], dim=1) if found.shape[1] == 1 else found
+    return torch.cat([torch.zeros_like(logits), logits], dim=1) if logits.shape[1] == 1 else logits

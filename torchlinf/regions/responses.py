@@ -71,11 +71,11 @@ def class_masks(
         parts = [
             _reduce(response, names, threshold, responder) for response in _in_chunks(responder.ask, grid, chunk_size)
         ]
-    found = np.concatenate(parts)
-    if found.ndim == 1:
-        masks, names = _split(found, names)
+    answers = np.concatenate(parts)
+    if answers.ndim == 1:
+        masks, names = _split(answers, names)
     else:
-        masks, names = found.T, names or tuple(range(found.shape[1]))
+        masks, names = answers.T, names or tuple(range(answers.shape[1]))
     return torch.from_numpy(np.ascontiguousarray(masks)).reshape(len(names), *grid.shape), names
 
 
@@ -158,16 +158,16 @@ def _in_chunks(ask: Callable[[Tensor], Any], grid: Grid, chunk_size: int | None)
 def _checked(response: Any, points: Tensor) -> NDArray[Any]:
     if isinstance(response, Tensor):
         response = (response.float() if response.dtype == torch.bfloat16 else response).numpy(force=True)
-    found = np.asarray(response)
-    if found.ndim == 2 and found.shape[1] == 1:
-        found = found[:, 0]
-    if found.ndim not in (1, 2) or len(found) != len(points) or 0 in found.shape:
+    answers = np.asarray(response)
+    if answers.ndim == 2 and answers.shape[1] == 1:
+        answers = answers[:, 0]
+    if answers.ndim not in (1, 2) or len(answers) != len(points) or 0 in answers.shape:
         raise ValueError(
             f"classifier must answer ({len(points)},) or ({len(points)}, classes) for {len(points)} points; got "
-            f"{type(response).__name__} of shape {found.shape}. Pass a function that selects and reshapes its output."
+            f"{type(response).__name__} of shape {answers.shape}. Pass a function that selects and reshapes its output."
         )
-    if found.dtype.kind == "f":
-        bad = np.isnan(found).reshape(len(found), -1).any(axis=1)
+    if answers.dtype.kind == "f":
+        bad = np.isnan(answers).reshape(len(answers), -1).any(axis=1)
         if bad.any():
             where = ", ".join(f"{x:.4g}" for x in points[int(bad.argmax())].flatten()[:4].tolist())
             raise ValueError(
@@ -175,7 +175,7 @@ def _checked(response: Any, points: Tensor) -> NDArray[Any]:
                 f"({where}{', ...' if points[0].numel() > 4 else ''}). Train it anew, or choose bounds within which it "
                 "is defined."
             )
-    return found
+    return answers
 
 
 def _reduce(
