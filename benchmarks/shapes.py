@@ -13,6 +13,7 @@ from scipy import ndimage
 from torch import Tensor
 
 from torchlinf import shapes
+from torchlinf._boxes import bounding_box
 
 Mask = NDArray[np.bool_]
 FOLDER = "TORCHLINF_MPEG7"
@@ -123,14 +124,9 @@ def _union(side: int, random: np.random.Generator) -> Mask:
 
 def _shrink(mask: Tensor, side: int) -> Tensor:
     """The shape in its box, with a longest side of at most `side`."""
-    mask = _boxed(mask)
+    mask = mask[bounding_box(mask.numpy())]
     factor = min(1.0, side / max(mask.shape))
     return torch.from_numpy(ndimage.zoom(mask.numpy().astype(np.float32), factor, order=1) > 0.5)
-
-
-def _boxed(mask: Tensor) -> Tensor:
-    rows, columns = mask.any(dim=1).nonzero(), mask.any(dim=0).nonzero()
-    return mask[int(rows[0]) : int(rows[-1]) + 1, int(columns[0]) : int(columns[-1]) + 1]
 
 
 def _mpeg7() -> list[Callable[[], Named]]:

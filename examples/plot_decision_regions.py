@@ -43,7 +43,10 @@ classifiers = {
     "15 neighbours": KNeighborsClassifier(15),
     "1 neighbour": KNeighborsClassifier(1),
 }
-found = {name: decision_region_complexity(classifier.fit(X, y), bounds, 96) for name, classifier in classifiers.items()}
+found = {
+    name: decision_region_complexity(classifier.fit(X, y), bounds, resolution=96)
+    for name, classifier in classifiers.items()
+}
 
 # %%
 # What the number says: how far the regions are from boxes along the features. A threshold has 0, trees little. A
@@ -79,21 +82,23 @@ plt.show()
 
 # %%
 # A straight boundary, turned: 0 along a feature, several bits at a few degrees. The number depends on the directions of
-# the features. It also depends on what the edge of the grid is: with ``frame="background"`` a part of the boundary of
-# every region, with ``frame="open"`` none, since where one looks is an accident.
+# the features. It also depends on the boundary condition at the edge of the grid. With ``boundary="background"`` the
+# edge is a part of the boundary of every region, with ``boundary="open"`` it is not, since where one looks is an
+# accident.
 
 
-def complexity_at(angle: float, frame: str) -> float:
+def complexity_at(angle: float, boundary: str) -> float:
     """Of a boundary at that angle in degrees."""
     normal = torch.tensor([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))]).float()
-    return float(decision_region_complexity(lambda p: p @ normal > 0.1, [(-1, 1)] * 2, 48, frame=frame).overall())
+    regions = decision_region_complexity(lambda p: p @ normal > 0.1, [(-1, 1)] * 2, resolution=48, boundary=boundary)
+    return float(regions.overall())
 
 
 angles = np.arange(0, 91, 10)
 fig, ax = plt.subplots(figsize=(6, 3), layout="constrained")
-for number, frame in enumerate(("background", "open")):
-    values = [complexity_at(angle, frame) for angle in angles]
-    ax.plot(angles, values, "o-", markersize=4, color=plot.COLOURS[number], label=f'frame="{frame}"')
+for number, boundary in enumerate(("background", "open")):
+    values = [complexity_at(angle, boundary) for angle in angles]
+    ax.plot(angles, values, "o-", markersize=4, color=plot.COLOURS[number], label=f'boundary="{boundary}"')
 ax.set(xlabel="angle between the boundary and a feature (degrees)", ylabel="complexity (bits)")
 ax.legend(frameon=False)
 ax.spines[["top", "right"]].set_visible(False)
@@ -129,7 +134,7 @@ DECAYS = {"no weight decay": 0.0, "weight decay 1": 1.0}
 fig, axes = plt.subplots(2, 4, figsize=(10, 5), layout="constrained", sharex=True, sharey=True)
 for row, (title, weight_decay) in zip(axes, DECAYS.items(), strict=True):
     for ax, (step, model) in zip(row, train(*moons, weight_decay, stops).items(), strict=True):
-        regions = decision_region_complexity(model, bounds, 96)
+        regions = decision_region_complexity(model, bounds, resolution=96)
         plot.decision_regions(regions, ax=ax)
         scatter(ax)
         ax.get_legend().remove()
@@ -150,7 +155,7 @@ runs = {title: train(pixels[:400], classes[:400], decay, [5, 20, 100, STEPS // 2
 fig, axes = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
 for ax, (title, models) in zip(axes, runs.items(), strict=True):
     step, model = list(models.items())[-1]
-    plot.decision_regions(decision_plane(model, pixels[:3], 96), ax=ax)
+    plot.decision_regions(decision_plane(model, pixels[:3], resolution=96), ax=ax)
     ax.set_title(f"{title}, step {step}\n{ax.get_title()}", fontsize=9)
 plt.show()
 
@@ -162,12 +167,14 @@ fig, ax = plt.subplots(figsize=(6, 3.2), layout="constrained")
 found_on = {}
 print("                   step  complexity (bits)  accuracy on unseen digits")
 for number, (title, models) in enumerate(runs.items()):
-    found_on[title] = means = [decision_plane_complexity(model, pixels[:400], PLANES, 32) for model in models.values()]
-    ax.errorbar(list(models), [m.mean for m in means], [m.standard_error for m in means], marker="o", markersize=4,
+    found_on[title] = means = [
+        decision_plane_complexity(model, pixels[:400], num_planes=PLANES, resolution=32) for model in models.values()
+    ]
+    ax.errorbar(list(models), [m.mean() for m in means], [m.standard_error() for m in means], marker="o", markersize=4,
                 capsize=3, color=plot.COLOURS[number], label=title)  # fmt: skip
     for (step, model), m in zip(models.items(), means, strict=True):
         accuracy = (model(pixels[400:]).argmax(dim=1) == classes[400:]).float().mean()
-        print(f"{title:17} {step:5}  {m.mean:9.3f} ± {m.standard_error:.3f}  {accuracy:10.3f}")
+        print(f"{title:17} {step:5}  {m.mean():9.3f} ± {m.standard_error():.3f}  {accuracy:10.3f}")
 ax.set(xscale="log", xlabel="training step", ylabel="complexity (bits),\nmean over planes ± standard error")
 ax.legend(frameon=False)
 ax.spines[["top", "right"]].set_visible(False)

@@ -144,7 +144,7 @@ for i, name in enumerate(ranked):
     above, below = grid[2 * row : 2 * row + 2, column]
     silhouette(above, masks[name], color_of[name])
     above.set_xlabel(f"{name}\n{float(profiles[name].mean()):.2f}", fontsize=8)
-    plot.profile(masks[name], color=color_of[name], ax=below)
+    plot.profile(profiles[name], color=color_of[name], ax=below)
     below.set(ylim=(-0.2, 8), yticks=[0, 4, 8], xticks=[0, 1], xlabel="", ylabel="")
     below.tick_params(labelsize=7)
     below.label_outer()

@@ -41,17 +41,18 @@ plt.show()
 # %%
 # The bump touches the square along half of its side, so its effect ends at scale 0.5, exactly.
 
+profiles = {name: torchlinf.complexity_profile(mask, spatial_ndim=2) for name, mask in masks.items()}
 fig, ax = plt.subplots(figsize=(7, 3.5), layout="constrained")
-for name, mask in masks.items():
-    plot.profile(mask, label=name, ax=ax)
+for name, profile in profiles.items():
+    plot.profile(profile, label=name, ax=ax)
 ax.legend()
 plt.show()
 
 # %%
-# A profile answers questions about windows of scales without solving anything again, and carries the proven relative
-# error of the field that it rests on.
+# A profile answers questions about windows of scales without solving anything again, and has the certified relative
+# error of the field that it was computed from.
 
-profile = torchlinf.complexity_profile(masks["square with a bump"], spatial_ndim=2)
+profile = profiles["square with a bump"]
 print(f"scales up to 0.5: {profile.mean(0.0, 0.5):.4f} bits")
 print(f"scales above 0.5: {profile.mean(0.5, 1.0):.4f} bits")
 print(f"relative error of the field: at most {profile.field_error_bound:.0e}")

@@ -27,7 +27,7 @@ from torchlinf import decompose, plot, shapes
 
 step = 1 if "--full" in sys.argv else 2
 horse = torch.from_numpy(np.ascontiguousarray(~data.horse()[::step, ::step].astype(bool)))
-noisy = shapes.add_noise(torch.ones(128, 128), factor=4, count=50, generator=torch.Generator().manual_seed(0))
+noisy = shapes.add_noise(torch.ones(128, 128), factor=4, count=50, seed=0)
 limbs = [shapes.Appendage("right", 64, 48), shapes.Appendage("top", 32, 32)]
 masks = {
     "disc": shapes.disc(64),

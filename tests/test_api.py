@@ -28,9 +28,7 @@ TENSOR = "method='auto', spatial_ndim=None, dtype=None"
 LEVEL = "bins=1024, estimator='entropy', rho=None, tol=1e-09"
 READ = "threshold=None, invert=False, max_pixels=67108864"
 
-ASKED = (
-    "response_method='auto', threshold=None, classes=None, chunk_size=None, bins=1024, estimator='entropy', tol=1e-09"
-)
+RESPONSE = "boundary='background', response_method='auto', threshold=None, classes=None, chunk_size=None"
 
 
 def parameters(function: Callable[..., object]) -> str:
@@ -96,6 +94,25 @@ def test_the_version_has_three_numbers() -> None:
             "estimator='entropy', rho=None, tol=1e-09)",
         ),
         (torchlinf.order.kendall_tau, "(profiles)"),
+        (
+            torchlinf.order.dominance,
+            "(profiles, *, windows={'fine': (0.0, 0.25), 'all': (0.0, 1.0)}, every_scale=False)",
+        ),
+        (torchlinf.plot.profile, f"(mask, *, label=None, color=None, style='-', ax=None, {LEVEL})"),
+        (torchlinf.plot.levels, f"(mask, *, of='field', solution=None, color=None, ax=None, {SOLVE})"),
+        (
+            torchlinf.plot.complexity_map,
+            f"(mask, *, shares=None, top=None, ax=None, low=0.0, high=1.0, {LEVEL})",
+        ),
+        (torchlinf.plot.shapes, f"(masks, *, solutions=None, {LEVEL})"),
+        (torchlinf.plot.overview, f"(masks, *, solutions=None, {LEVEL})"),
+        (
+            torchlinf.plot.hasse,
+            "(masks, *, profiles=None, order=None, windows={'fine': (0.0, 0.25), 'all': (0.0, 1.0)}, "
+            f"every_scale=False, highlight=(), ax=None, {LEVEL})",
+        ),
+        (torchlinf.plot.decision_regions, "(regions, *, low=0.0, high=1.0, ax=None)"),
+        (shapes.add_noise, "(shape, factor, count, *, seed=0)"),
         (torchlinf.ComplexityProfile.mean, "(self, low=0.0, high=1.0)"),
         (torchlinf.ComplexityProfile.levels, "(self)"),
         (torchlinf.ComplexityProfile.peak, "(self)"),
@@ -142,20 +159,21 @@ def test_the_version_has_three_numbers() -> None:
         ),
         (
             torchlinf.regions.decision_region_complexity,
-            f"(classifier, bounds, resolution=128, *, frame='background', {ASKED})",
+            f"(classifier, bounds, *, resolution=128, {RESPONSE}, {LEVEL})",
         ),
         (
             torchlinf.regions.decision_plane,
-            f"(classifier, points, resolution=128, *, margin=0.25, frame='background', {ASKED})",
+            f"(classifier, points, *, resolution=128, relative_margin=0.25, {RESPONSE}, {LEVEL})",
         ),
         (
             torchlinf.regions.decision_plane_complexity,
-            "(classifier, X, num_planes=32, resolution=64, *, low=0.0, high=1.0, margin=0.25, seed=0, "
-            f"frame='background', {ASKED})",
+            "(classifier, X, *, num_planes=32, resolution=64, relative_margin=0.25, seed=0, "
+            f"{RESPONSE}, low=0.0, high=1.0, {LEVEL})",
         ),
         (
             torchlinf.regions.DecisionRegionLoss,
-            "(bounds=None, resolution=64, *, low=0.0, high=1.0, weight=1.0, keep_area=True, max_moves=16, margin=0.25)",
+            "(bounds=None, *, resolution=64, weight=1.0, keep_area=True, max_flips=16, relative_margin=0.25, "
+            f"low=0.0, high=1.0, {LEVEL})",
         ),
         (torchlinf.scoring.find_masks, "(paths, *, members=None)"),
         (torchlinf.scoring.read_mask, f"(path, *, member=None, {READ})"),

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import matplotlib.pyplot as plt
 import networkx as nx
@@ -17,7 +18,6 @@ from problems import random_order
 
 from torchlinf import ComplexityProfile, complexity_profile, plot, shapes
 from torchlinf.order import dominance, hasse_diagram, longest_chain
-from torchlinf.plot import overviews
 
 FACES = [shapes.Appendage(face, 8, 8) for face in ("right", "top", "left")]
 MASKS = {
@@ -57,10 +57,18 @@ def images(ax: Axes) -> dict[str, AxesImage]:
     return found
 
 
-@pytest.mark.parametrize("windows", [((0.0, 0.25), (0.0, 1.0)), ((0.25, 1.0),), None])
-def test_the_figure_holds_the_order(profiles: dict[str, ComplexityProfile], windows) -> None:  # type: ignore[no-untyped-def]
-    steps = hasse_diagram(dominance(profiles, windows=windows))
-    ax = plot.hasse(MASKS, windows=windows)
+@pytest.mark.parametrize(
+    ("how", "in_words"),
+    [
+        ({}, "(0, 0.25] and (0, 1]"),
+        ({"windows": {"coarse": (0.25, 1.0)}}, "(0.25, 1]"),
+        ({"windows": None}, "(0, 1]"),
+        ({"windows": None, "every_scale": True}, "(0, 1]"),
+    ],
+)
+def test_the_figure_holds_the_order(profiles: dict[str, ComplexityProfile], how: dict[str, Any], in_words: str) -> None:
+    steps = hasse_diagram(dominance(profiles, **how))
+    ax = plot.hasse(MASKS, **how)
     assert len(ax.images) == len(ax.texts) == len(MASKS)
     assert len(ax.patches) == sum(len(node) > 1 for node in steps)
     at = images(ax)
@@ -79,7 +87,6 @@ def test_the_figure_holds_the_order(profiles: dict[str, ComplexityProfile], wind
         for node, end in ((low, x[0]), (high, x[-1])):
             edges = [at[name].get_extent()[:2] for name in node]
             assert np.min(edges) < end < np.max(edges)
-    in_words = {None: "(0, 1]", ((0.25, 1.0),): "(0.25, 1]"}.get(windows, "(0, 0.25] and (0, 1]")
     assert ax.get_xlabel() == f"below each name: mean complexity over t in {in_words}, bits"
     assert ax.get_ylabel() == "more complex →"
 
@@ -103,11 +110,11 @@ def test_numbers_stand_below_the_names(profiles: dict[str, ComplexityProfile]) -
     assert texts["square"] == "0.00, 0.00"
 
 
-@pytest.mark.parametrize("windows", [((0.0, 0.25), (0.0, 1.0)), None])
-def test_ten_shapes_fit_the_page(windows) -> None:  # type: ignore[no-untyped-def]
+@pytest.mark.parametrize("every_scale", [False, True])
+def test_ten_shapes_fit_the_page(every_scale: bool) -> None:
     antichain = nx.DiGraph()
     antichain.add_nodes_from((name,) for name in MASKS)
-    for ax in (plot.hasse(MASKS, windows=windows), plot.hasse(MASKS, order=antichain)):
+    for ax in (plot.hasse(MASKS, every_scale=every_scale), plot.hasse(MASKS, order=antichain)):
         figure = ax.figure
         figure.canvas.draw()
         width, height = figure.bbox.size
@@ -131,13 +138,10 @@ def shaken(profile: ComplexityProfile, share: float, error: float) -> Complexity
 
 
 @pytest.mark.parametrize(("error", "frames"), [(1e-9, 1), (1e-11, 0)])
-def test_equal_within_the_certified_error_is_one_node(
-    error: float, frames: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_equal_within_the_certified_error_is_one_node(error: float, frames: int) -> None:
     disc, square = (complexity_profile(mask, spatial_ndim=2) for mask in (shapes.disc(9), shapes.square(9)))
     solved = {"disc": shaken(disc, 0.0, error), "twin": shaken(disc, 1e-10, error), "square": square}
-    monkeypatch.setattr(overviews, "solve_all", lambda masks: {name: solved[name] for name in masks})
-    ax = plot.hasse({"disc": shapes.disc(9), "twin": shapes.disc(9), "square": shapes.square(9)})
+    ax = plot.hasse({"disc": shapes.disc(9), "twin": shapes.disc(9), "square": shapes.square(9)}, profiles=solved)
     assert len(ax.patches) == frames
     # The three are one above another unless two of them share a node.
     assert len(ax.lines) == 2 - frames
@@ -181,10 +185,14 @@ def test_of_a_volume_the_deepest_slice_is_drawn() -> None:
 def test_bad_input_is_refused_before_a_figure_is_opened(profiles: dict[str, ComplexityProfile]) -> None:
     wrong = [
         ({}, {}, ValueError, "at least one mask"),
-        ({"a": torch.zeros(3, 4)}, {}, ValueError, "at least one pixel inside"),
+        ({"a": torch.zeros(3, 4)}, {}, ValueError, r"masks\['a'\] must have at least one pixel inside"),
         ({"a": torch.ones(1, 1, 3, 4)}, {}, ValueError, r"\(H, W\) or \(D, H, W\)"),
         ({"a": np.ones((3, 4))}, {}, TypeError, "from_numpy"),
-        (MASKS, {"windows": ((0.5, 0.25),)}, ValueError, "low"),
+        (MASKS, {"windows": {"wrong": (0.5, 0.25)}}, ValueError, "low"),
+        (list(MASKS.values()), {}, TypeError, "masks must map names to masks; got list"),
+        (MASKS, {"order": "disc"}, TypeError, "order must be a networkx.DiGraph; got str"),
+        (MASKS, {"profiles": profiles, "bins": 9}, ValueError, "bins must be left out beside a computed profile"),
+        (MASKS, {"profiles": profiles, "ax": "left"}, TypeError, "ax must be matplotlib axes; got str"),
         ({"disc": MASKS["disc"]}, {"order": dominance(profiles)}, ValueError, "got 'square'. Pass its mask"),
         (MASKS, {"highlight": ["disc"]}, ValueError, "got 'disc'. Pass tuples"),
         (MASKS, {"order": nx.DiGraph()}, ValueError, "at least one shape"),
@@ -199,3 +207,21 @@ def test_without_matplotlib_it_says_what_to_install(monkeypatch: pytest.MonkeyPa
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
     with pytest.raises(ImportError, match=r"pip install 'torchlinf\[plot\]'"):
         plot.hasse(MASKS)
+
+
+def test_what_is_solved_is_not_solved_again(
+    profiles: dict[str, ComplexityProfile], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("solved again")
+
+    monkeypatch.setattr("torchlinf.plot.solved_shape.complexity_profile", refuse)
+    assert len(plot.hasse(MASKS, profiles=profiles).images) == len(MASKS)
+    assert len(plot.hasse(MASKS, order=dominance(profiles, every_scale=True)).images) == len(MASKS)
+    with pytest.raises(AssertionError, match="solved again"):
+        plot.hasse(MASKS)
+
+
+def test_the_unit_is_that_of_the_estimator() -> None:
+    ax = plot.hasse({"disc": shapes.disc(9), "square": shapes.square(9)}, estimator="std")
+    assert ax.get_xlabel().endswith(", share of max f")

@@ -3,18 +3,14 @@ import pytest
 import torch
 from scipy import ndimage
 
-from torchlinf.shapes import add_noise, disc
+from torchlinf.shapes import add_noise, disc, noise
 
 Pixel = tuple[int, int]
 
 
-def generator(seed: int) -> torch.Generator:
-    return torch.Generator().manual_seed(seed)
-
-
 def naive_noise(shape: torch.Tensor, factor: int, count: int, seed: int) -> set[Pixel]:
     """The definition over sets of pixels, with the same random numbers: widths, then lengths, then places."""
-    random = generator(seed)
+    random = torch.Generator().manual_seed(seed)
     widths = [max(0, round(factor + factor / 3 * x)) for x in normal(count, random)]
     lengths = iter([round(factor + factor / 3 * x) for x in normal(2 * sum(widths), random)])
     places = torch.rand(count, generator=random, dtype=torch.float64).tolist()
@@ -72,40 +68,51 @@ PARTS[1:4, 1:9] = PARTS[8:11, 5:9] = 1
 @pytest.mark.parametrize("shape", [torch.ones(11, 17), ONE_PIXEL, RING, PARTS, disc(6)])
 @pytest.mark.parametrize("factor", [1, 2, 3, 6])
 def test_noise_against_the_definition_over_sets(shape: torch.Tensor, factor: int) -> None:
-    found = add_noise(shape, factor, 12, generator(factor))
+    found = add_noise(shape, factor, 12, seed=factor)
     assert found.dtype == torch.bool
     assert torch.equal(found, boxed(naive_noise(shape, factor, 12, factor)))
 
 
 def test_noise_far_beyond_the_first_canvas() -> None:
     # A single pixel that grows by patches of 30 pixels leaves any room that was made for it at first.
-    found = add_noise(ONE_PIXEL, 30, 8, generator(0))
+    found = add_noise(ONE_PIXEL, 30, 8, seed=0)
     assert min(found.shape) > 100
     assert torch.equal(found, boxed(naive_noise(ONE_PIXEL, 30, 8, 0)))
 
 
 @pytest.mark.parametrize("factor", [2, 4, 5])
 def test_what_comes_out_is_closed(factor: int) -> None:
-    padded = np.pad(add_noise(torch.ones(30, 20), factor, 30, generator(1)).numpy(), 2 * factor)
+    padded = np.pad(add_noise(torch.ones(30, 20), factor, 30, seed=1).numpy(), 2 * factor)
     again = ndimage.binary_closing(padded, np.ones((factor, factor)))
     assert np.array_equal(again, padded)
 
 
-def test_the_same_state_gives_the_same_noise_and_the_shape_stays() -> None:
+def test_the_same_seed_gives_the_same_noise_and_nothing_else_changes() -> None:
     shape = torch.ones(20, 30, dtype=torch.uint8)
-    first, second = (add_noise(shape, 3, 20, generator(5)) for _ in range(2))
+    state = torch.random.get_rng_state()
+    first, second = (add_noise(shape, 3, 20, seed=5) for _ in range(2))
     assert torch.equal(first, second)
-    assert not torch.equal(first, add_noise(shape, 3, 20, generator(6)))
+    assert not torch.equal(first, add_noise(shape, 3, 20, seed=6))
+    assert torch.equal(add_noise(shape, 3, 20), add_noise(shape, 3, 20, seed=0))
     assert shape.all()
     assert shape.shape == (20, 30)
-    torch.manual_seed(5)
-    assert torch.equal(first, add_noise(shape, 3, 20))
+    assert torch.equal(torch.random.get_rng_state(), state)
+
+
+@pytest.mark.parametrize("side", [1, 2, 3, 6, 7])
+def test_closing_and_boundary_are_those_of_binary_morphology(side: int) -> None:
+    mask = np.random.default_rng(side).random((23, 31)) < 0.3
+    far = np.pad(mask, side)
+    expected = ndimage.binary_closing(far, np.ones((side, side)))[side:-side, side:-side]
+    assert np.array_equal(noise.closed(mask, side), expected)
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(mask, 1), (3, 3)).all(axis=(2, 3))
+    assert np.array_equal(noise.boundary_of(mask), mask & ~around)
 
 
 def test_more_additions_and_larger_factors_add_more() -> None:
     shape = torch.ones(60, 60)
-    by_count = [int(add_noise(shape, 4, count, generator(0)).sum()) for count in (5, 20, 80)]
-    by_factor = [int(add_noise(shape, factor, 20, generator(0)).sum()) for factor in (1, 3, 6)]
+    by_count = [int(add_noise(shape, 4, count, seed=0).sum()) for count in (5, 20, 80)]
+    by_factor = [int(add_noise(shape, factor, 20, seed=0).sum()) for factor in (1, 3, 6)]
     assert 3600 < by_count[0] < by_count[1] < by_count[2]
     assert 3600 < by_factor[0] < by_factor[1] < by_factor[2]
 
@@ -121,3 +128,7 @@ def test_messages() -> None:
         add_noise(torch.ones(3, 4), 0, 1)
     with pytest.raises(TypeError, match=r"count must be an integer of 1 or more; got 1\.5"):
         add_noise(torch.ones(3, 4), 1, 1.5)
+    with pytest.raises(ValueError, match="seed must be an integer of 0 or more; got -1"):
+        add_noise(torch.ones(3, 4), 1, 1, seed=-1)
+    with pytest.raises(TypeError, match="seed must be an integer of 0 or more; got <torch"):
+        add_noise(torch.ones(3, 4), 1, 1, seed=torch.Generator())  # type: ignore[arg-type]

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import torch
 from problems import random_order
+from scipy import stats
 
 from torchlinf import ComplexityProfile, Measure, complexity_profile, shapes
 from torchlinf.order import (
+    WINDOWS,
     chains,
     dominance,
     hasse_diagram,
@@ -42,19 +44,23 @@ def profiles() -> dict[str, ComplexityProfile]:
     return {name: profile(mask) for name, mask in masks.items()}
 
 
-@pytest.mark.parametrize("windows", [((0.0, 0.25), (0.0, 1.0)), ((0.0, 0.5),), None])
-def test_dominance_is_the_definition(profiles: dict[str, ComplexityProfile], windows) -> None:  # type: ignore[no-untyped-def]
+@pytest.mark.parametrize("windows", [WINDOWS, {"low": (0.0, 0.5)}, None])
+@pytest.mark.parametrize("every_scale", [False, True])
+def test_dominance_is_the_definition(
+    profiles: dict[str, ComplexityProfile], windows: dict[str, tuple[float, float]] | None, every_scale: bool
+) -> None:
     """Pair by pair, with values that differ by less than 1e-7 taken as equal: nothing here differs by so little."""
     scales = torch.arange(1, 4001, dtype=torch.float64) / 4000
 
     def indicators(name: str) -> np.ndarray:
         found = profiles[name]
-        if windows is not None:
-            return np.array([float(found.mean(low, high)) for low, high in windows])
+        if not every_scale:
+            pairs = [(0.0, 1.0)] if windows is None else windows.values()
+            return np.array([float(found.mean(low, high)) for low, high in pairs])
         levels = found.level_values.numpy()
         return levels[np.ceil(scales.numpy() * len(levels) - 1e-9).astype(int) - 1]
 
-    graph = dominance(profiles, windows=windows)
+    graph = dominance(profiles, windows=windows, every_scale=every_scale)
     node = {name: names for names in graph for name in names}
     assert sorted(node) == sorted(profiles)
     for a, b in permutations(profiles, 2):
@@ -69,7 +75,9 @@ def test_windows_and_all_scales_differ_and_shapes_contradict(profiles: dict[str,
     assert ("square", "box") in graph
     assert ("disc", "turned disc") in graph
     assert longest_chain(graph)[0] == ("square", "box")
-    assert incomparable_pairs(dominance(profiles, windows=None))
+    assert incomparable_pairs(dominance(profiles, every_scale=True))
+    line = dominance(profiles, windows=None)  # one number orders all
+    assert not incomparable_pairs(line)
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -117,8 +125,16 @@ def test_steps_come_in_the_order_of_the_graph() -> None:
 def test_attributes_are_kept(profiles: dict[str, ComplexityProfile]) -> None:
     steps = hasse_diagram(dominance(profiles))
     assert steps.nodes["square", "box"]["indicators"] == (0.0, 0.0)
-    assert steps.graph == {"windows": ((0.0, 0.25), (0.0, 1.0))}
-    assert dominance(profiles, windows=None).graph == {"windows": ((0.0, 1.0),)}
+    assert steps.graph == {"windows": {"fine": (0.0, 0.25), "all": (0.0, 1.0)}, "unit": "bits"}
+    everywhere = dominance(profiles, windows=None, every_scale=True)
+    assert everywhere.graph == {"windows": {"complexity": (0.0, 1.0)}, "unit": "bits"}
+    assert everywhere.nodes[("three",)]["indicators"] == (float(profiles["three"].mean()),)
+
+
+def test_an_order_of_nothing_and_of_one() -> None:
+    assert len(dominance({})) == len(chains(dominance({}))) == len(longest_chain(dominance({}))) == 0
+    alone = dominance({"disc": profile(shapes.disc(5))}, every_scale=True)
+    assert list(alone) == longest_chain(alone) == largest_antichain(alone) == [("disc",)]
 
 
 def with_values(*rows: list[float], error_bound: float = 0.0) -> list[ComplexityProfile]:
@@ -144,6 +160,16 @@ def test_tau_counts_pairs(size: int) -> None:
     assert min(expected) < 0 < max(expected)
 
 
+def test_without_equal_values_tau_is_that_of_scipy() -> None:
+    drawn = np.random.default_rng(0).random((7, 30))
+    expected = [stats.kendalltau(range(7), column).statistic for column in drawn.T]
+    assert kendall_tau(with_values(*drawn.tolist())).tolist() == pytest.approx(expected, abs=1e-12)
+    # Equal values: agreement here, left out there, and without a value where all are equal.
+    assert kendall_tau(with_values([1.0, 1.0], [1.0, 1.0], [1.0, 2.0])).tolist() == [1.0, 1.0]
+    assert np.isnan(stats.kendalltau(range(3), [1.0, 1.0, 1.0]).statistic)
+    assert stats.kendalltau(range(3), [1.0, 1.0, 2.0]).statistic == pytest.approx(2 / np.sqrt(6))
+
+
 def test_tau_takes_values_within_the_certified_error_as_equal() -> None:
     first, later = [1.0, 1.0], [1.0 - 3e-6, 1.0 - 5e-6]
     assert kendall_tau(with_values(first, later, error_bound=1e-6)).tolist() == [1.0, -1.0]
@@ -167,12 +193,29 @@ def test_bad_input_says_what_to_do(profiles: dict[str, ComplexityProfile]) -> No
         dominance({"square": 1.0})  # type: ignore[dict-item]
     with pytest.raises(ValueError, match="must be of one shape each; got 2"):
         dominance({"both": profile(torch.ones(2, 5, 5))})
-    with pytest.raises(ValueError, match="'none' is empty"):
+    with pytest.raises(ValueError, match=r"got an empty one for 'none'\. Leave it out"):
         dominance({"none": profile(torch.zeros(4, 4))})
-    with pytest.raises(ValueError, match="at least one"):
-        dominance(profiles, windows=())
+    with pytest.raises(ValueError, match="windows must name at least one window; got none"):
+        dominance(profiles, windows={})
+    with pytest.raises(TypeError, match="windows must map names to pairs"):
+        dominance(profiles, windows=((0.0, 0.25),))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="low"):
-        dominance(profiles, windows=((0.5, 0.25),))
+        dominance(profiles, windows={"wrong": (0.5, 0.25)})
+    other = {"disc": profiles["disc"], "other": complexity_profile(shapes.disc(5), spatial_ndim=2, bins=64)}
+    with pytest.raises(ValueError, match="got estimator='entropy', bins=64 for 'other'"):
+        dominance(other)
+    with pytest.raises(ValueError, match="got estimator='entropy', bins=64 for 1"):
+        kendall_tau(list(other.values()))
+    with pytest.raises(TypeError, match="must be a sequence in the expected order; got dict"):
+        kendall_tau(other)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="empty one for 1"):
+        kendall_tau([profiles["disc"], profile(torch.zeros(4, 4))])
+    cycle = nx.DiGraph([("a", "b"), ("b", "a")])
+    for function in (hasse_diagram, longest_chain, chains, largest_antichain, incomparable_pairs):
+        with pytest.raises(TypeError, match=r"graph must be a networkx\.DiGraph; got dict"):
+            function(profiles)  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match="got a graph with a cycle"):
+            function(cycle)
     with pytest.raises(TypeError, match="for each shape; got Tensor for 1"):
         kendall_tau([profiles["disc"], torch.ones(2)])  # type: ignore[list-item]
     with pytest.raises(ValueError, match="two or more; got 1"):

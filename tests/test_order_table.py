@@ -19,7 +19,7 @@ MASKS = {
 def test_on_a_terminal_people_read(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     profiles = {f"[{name}]": complexity_profile(mask, spatial_ndim=2) for name, mask in MASKS.items()}
     monkeypatch.setenv("COLUMNS", "120")
-    print_order(dominance(profiles, windows=None))
+    print_order(dominance(profiles, windows=None, every_scale=True))
     out = capsys.readouterr().out
     assert "t in (0, 1]" in out
     assert all(f"[{name}]" in out for name in MASKS)  # brackets are no markup

@@ -14,7 +14,7 @@ sys.path.insert(0, str(ROOT))  # `benchmarks` is not installed with the library
 
 from benchmarks.paper_noise import __main__ as command  # noqa: E402
 from benchmarks.paper_noise import agreement  # noqa: E402
-from benchmarks.paper_noise.squares import Assumptions, noisy_squares  # noqa: E402
+from benchmarks.paper_noise.squares import Assumptions, noisy_squares, seed_of  # noqa: E402
 from torchlinf.shapes import add_noise, noise, square  # noqa: E402
 
 SMALL = Assumptions(side=40, counts=(5, 20))
@@ -23,8 +23,7 @@ SMALL = Assumptions(side=40, counts=(5, 20))
 @pytest.mark.parametrize("factor", [1, 2, 4])
 def test_the_defaults_are_those_of_the_library(factor: int) -> None:
     for count, mask in zip(SMALL.counts, noisy_squares(SMALL, factor, 3), strict=True):
-        generator = torch.Generator().manual_seed(3_000_000 + 1_000 * factor + count)
-        assert torch.equal(mask, add_noise(square(40), factor, count, generator))
+        assert torch.equal(mask, add_noise(square(40), factor, count, seed=3_000_000 + 1_000 * factor + count))
 
 
 @pytest.mark.parametrize(
@@ -49,14 +48,10 @@ def test_growing_squares_only_gain() -> None:
 @pytest.mark.parametrize("factor", [2, 5])
 def test_closing_always_is_closing_the_whole(factor: int) -> None:
     """Against closings and boundaries of the whole canvas after each addition, by SciPy."""
-    generator = torch.Generator().manual_seed(1_000_000 + 1_000 * factor + 20)
-    widths = noise._normal(factor, 20, generator).clip(min=0)
-    lengths = np.split(noise._normal(factor, 2 * widths.sum(), generator), 2 * widths.cumsum()[:-1])
-    places = torch.rand(20, generator=generator, dtype=torch.float64).tolist()
     canvas = np.pad(np.ones((40, 40), dtype=bool), 120)
-    for place, of_patch in zip(places, lengths, strict=True):
+    for place, lengths in noise.random_patches(factor, 20, seed_of(1, factor, 20)):
         boundary = np.argwhere(canvas & ~ndimage.binary_erosion(canvas, np.ones((3, 3))))
-        patch = noise._patch(of_patch.reshape(2, -1))
+        patch = noise._drawn(lengths)
         row, column = boundary[int(place * len(boundary))] - len(patch) // 2
         canvas[row : row + len(patch), column : column + len(patch)] |= patch
         canvas = ndimage.binary_closing(canvas, np.ones((factor, factor)))

@@ -174,7 +174,9 @@ def test_nothing_overlaps_or_leaves_the_page(draw: Draw, count: int) -> None:
 
 
 def test_decision_regions_lie_where_the_classes_are() -> None:
-    found = decision_region_complexity(lambda p: (p[:, 0] > 1) * 2, [(0, 3), (-1, 1)], (7, 5), classes=[0, 1, 2])
+    found = decision_region_complexity(
+        lambda p: (p[:, 0] > 1) * 2, [(0, 3), (-1, 1)], resolution=(7, 5), classes=[0, 1, 2]
+    )
     ax = plot.decision_regions(found)
     image = ax.images[0]
     assert image.get_extent() == pytest.approx((-0.25, 3.25, -1.25, 1.25))
@@ -187,14 +189,91 @@ def test_decision_regions_lie_where_the_classes_are() -> None:
     assert [text.get_text() for text in ax.get_legend().texts] == ["0: 0.00 bits", "2: 0.00 bits"]
 
 
+def test_decision_regions_name_their_window_and_unit() -> None:
+    disc = decision_region_complexity(lambda p: p.norm(dim=1) < 1, [(-2, 2)] * 2, resolution=31)
+    ax = plot.decision_regions(disc, low=0.25, high=0.75)
+    assert ax.get_title() == f"{float(disc.overall(0.25, 0.75)):.2f} bits"
+    assert ax.get_legend().texts[1].get_text() == f"True: {float(disc.mean(0.25, 0.75)[1]):.2f} bits"
+    deviations = decision_region_complexity(lambda p: p.norm(dim=1) < 1, [(-2, 2)] * 2, resolution=31, estimator="std")
+    assert plot.decision_regions(deviations).get_title() == f"{float(deviations.overall()):.3f} of max f"
+    with pytest.raises(ValueError, match="low and high must obey"):
+        plot.decision_regions(disc, low=0.5, high=0.5)
+
+
 def test_decision_planes_show_their_points() -> None:
-    found = decision_plane(lambda p: p[:, :3], torch.eye(3, 5, dtype=torch.float64) * 2, 12)
+    found = decision_plane(lambda p: p[:, :3], torch.eye(3, 5, dtype=torch.float64) * 2, resolution=12)
     ax = plot.decision_regions(found)
     np.testing.assert_allclose(np.transpose(ax.lines[0].get_data()), found.plane.corners)
     assert labels(ax)[0] == "along the longest side"
-    line = decision_region_complexity(lambda p: p[:, 0] > 1, [(0, 3)], 7)
+    line = decision_region_complexity(lambda p: p[:, 0] > 1, [(0, 3)], resolution=7)
     with pytest.raises(ValueError, match="two axes; got 1"):
         plot.decision_regions(line)
+
+
+def refuse(*_: object, **__: object) -> None:
+    raise AssertionError("solved again")
+
+
+def test_what_is_solved_is_not_solved_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A profile, a field and a map that are computed give the same figures as the mask, without a solve."""
+    solution = torchlinf.solve_field(DISC, spatial_ndim=2)
+    profile = torchlinf.complexity_profile(DISC, spatial_ndim=2, bins=64)
+    shares = torchlinf.complexity_map(DISC, spatial_ndim=2, high=0.5)
+    solutions = {name: torchlinf.solve_field(mask, spatial_ndim=2) for name, mask in SHAPES.items()}
+    expected = [plot.profile(DISC, bins=64), plot.levels(DISC), plot.complexity_map(DISC, high=0.5)]
+    titles = [[ax.get_xlabel() for ax in plot.shapes(SHAPES).axes], plot.overview(SHAPES).get_size_inches().tolist()]
+    monkeypatch.setattr("torchlinf.plot.solved_shape.complexity_profile", refuse)
+    monkeypatch.setattr("torchlinf.plot.solved_shape.solve_field", refuse)
+    monkeypatch.setattr("torchlinf.plot.shape_figures.measured_map", refuse)
+    drawn = [plot.profile(profile), plot.levels(DISC, solution=solution), plot.complexity_map(DISC, shares=shares)]
+    np.testing.assert_array_equal(drawn[0].patches[0].get_data().values, expected[0].patches[0].get_data().values)
+    for ax, same in zip(drawn[1:], expected[1:], strict=True):
+        np.testing.assert_array_equal(ax.images[0].get_array(), same.images[0].get_array())
+        for path, other in zip(ax.collections[0].get_paths(), same.collections[0].get_paths(), strict=True):
+            np.testing.assert_array_equal(path.vertices, other.vertices)
+    assert drawn[2].get_title() == expected[2].get_title()
+    assert [ax.get_xlabel() for ax in plot.shapes(SHAPES, solutions=solutions).axes] == titles[0]
+    assert plot.overview(SHAPES, solutions=solutions).get_size_inches().tolist() == titles[1]
+    assert plot.levels(DISC, of="distance").images  # needs no field
+    assert plot.levels(DISC, of=DISC.double()).images
+    for again in (plot.profile, plot.levels, plot.complexity_map):
+        with pytest.raises(AssertionError, match="solved again"):
+            again(DISC)
+
+
+@pytest.mark.parametrize("options", [{}, {"estimator": "std"}, {"bins": 64, "rho": 3.0}])
+def test_figures_of_several_shapes_measure_as_the_core_does(options: dict[str, Any]) -> None:
+    """Their profiles come from the field that the level lines need, one solve a shape."""
+    for figure in (plot.shapes(SHAPES, **options), plot.overview(SHAPES, **options)):
+        drawn = {patch.get_label(): patch.get_data().values for patch in figure.axes[0].patches}
+        for name, mask in SHAPES.items():
+            expected = torchlinf.complexity_profile(mask, spatial_ndim=2, **options).level_values
+            np.testing.assert_allclose(drawn[name], expected, rtol=0, atol=1e-12)
+
+
+def test_one_solve_a_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+
+    def counted(mask: torch.Tensor, **options: Any) -> torchlinf.FieldSolution:
+        calls.append(mask)
+        return torchlinf.solve_field(mask, **options)
+
+    monkeypatch.setattr("torchlinf.plot.solved_shape.solve_field", counted)
+    monkeypatch.setattr("torchlinf.plot.solved_shape.complexity_profile", refuse)
+    plot.shapes(SHAPES)
+    plot.overview(SHAPES)
+    assert len(calls) == 2 * len(SHAPES)
+
+
+def test_options_of_the_measure_are_those_of_the_core() -> None:
+    ax = plot.profile(DISC, bins=16, rho=2.0, tol=1e-6)
+    same = torchlinf.complexity_profile(DISC, bins=16, rho=2.0, tol=1e-6, spatial_ndim=2)
+    np.testing.assert_array_equal(ax.patches[0].get_data().values, same.levels())
+    title = plot.complexity_map(DISC, bins=16, rho=2.0).get_title()
+    assert title == f"{torchlinf.complexity(DISC, bins=16, rho=2.0, spatial_ndim=2):.2f} bits"
+    near, far = (plot.levels(DISC, rho=rho).collections[0].get_paths()[4].vertices for rho in (1.0, 50.0))
+    assert near.shape != far.shape or not np.array_equal(near, far)
+    assert "of max f" in plot.shapes(SHAPES, estimator="std").axes[1].get_xlabel()
 
 
 @pytest.mark.parametrize(
@@ -219,6 +298,55 @@ def test_more_bad_input() -> None:
     for draw in (plot.shapes, plot.overview):
         with pytest.raises(ValueError, match="at least one mask"):
             draw({})
+        with pytest.raises(TypeError, match="masks must map names to masks; got Tensor"):
+            draw(DISC)
+        with pytest.raises(ValueError, match=r"masks\['b'\] must have at least one pixel inside; got an empty one"):
+            draw({"a": DISC, "b": torch.zeros(3, 4)})
+        with pytest.raises(ValueError, match="solutions must map the names of all masks"):
+            draw(SHAPES, solutions={})
+        with pytest.raises(ValueError, match="bins must be an integer of 1 or more; got 0"):
+            draw(SHAPES, bins=0)
+        with pytest.raises(TypeError, match="low is not an option here"):
+            draw(SHAPES, low=0.5)
+
+
+def test_bad_input_beside_what_is_solved() -> None:
+    profile = torchlinf.complexity_profile(DISC, spatial_ndim=2)
+    solution = torchlinf.solve_field(DISC, spatial_ndim=2)
+    shares = torchlinf.complexity_map(DISC, spatial_ndim=2)
+    both = torchlinf.complexity_profile(torch.stack([DISC, DISC]), spatial_ndim=2)
+    empty = torchlinf.complexity_profile(torch.zeros(3, 4), spatial_ndim=2)
+    wrong = [
+        (
+            lambda: plot.profile(profile, bins=9),
+            ValueError,
+            "bins must be left out beside a computed profile; got bins=9",
+        ),
+        (lambda: plot.profile(both), ValueError, r"must be that of one shape with a pixel inside; got 2 shapes"),
+        (lambda: plot.profile(empty), ValueError, r"got 1 shapes of radius 0"),
+        (
+            lambda: plot.levels(DISC, solution=solution, tol=0.1),
+            ValueError,
+            "tol must be left out beside a computed sol",
+        ),
+        (
+            lambda: plot.levels(TALL, solution=solution),
+            ValueError,
+            r"solution must be that of mask; got values \(31, 31\)",
+        ),
+        (lambda: plot.levels(DISC, solution=solution.value), TypeError, "solution must be a FieldSolution; got Tensor"),
+        (lambda: plot.complexity_map(DISC, shares=shares, high=0.5), ValueError, "high must be left out beside a comp"),
+        (lambda: plot.complexity_map(TALL, shares=shares), ValueError, "shares must be those of mask; got"),
+        (lambda: plot.complexity_map(DISC, shares=0.5), TypeError, "shares must be a tensor; got float"),
+        (lambda: plot.complexity_map(DISC, estimator="std"), ValueError, 'estimator must be "entropy" for a map'),
+        (lambda: plot.complexity_map(DISC, top=0), ValueError, "top must be finite and above 0"),
+        (lambda: plot.profile(DISC, ax="left"), TypeError, "ax must be matplotlib axes; got str"),
+        (lambda: plot.decision_regions(DISC), TypeError, "regions must be DecisionRegions; got Tensor"),
+    ]
+    for draw, error, words in wrong:
+        with pytest.raises(error, match=words):
+            draw()
+    assert plt.get_fignums() == []
 
 
 def test_without_matplotlib_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -227,4 +355,4 @@ def test_without_matplotlib_it_says_what_to_install(monkeypatch: pytest.MonkeyPa
         with pytest.raises(ImportError, match=r"pip install 'torchlinf\[plot\]'"):
             draw(DISC)
     with pytest.raises(ImportError, match=r"pip install 'torchlinf\[plot\]'"):
-        plot.decision_regions(decision_region_complexity(lambda p: p[:, 0] > 1, [(0, 3), (0, 2)], 7))
+        plot.decision_regions(decision_region_complexity(lambda p: p[:, 0] > 1, [(0, 3), (0, 2)], resolution=7))

@@ -1,4 +1,4 @@
-"""Decision regions: what is measured is what the core measures on masks made by hand, in either frame."""
+"""Decision regions: what is measured is what the core measures on masks made by hand, in either boundary condition."""
 
 import copy
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 import torchlinf
 from tests.problems import Pixel, catalogue, random_mask
-from torchlinf import regions
+from torchlinf import Measure, regions
 from torchlinf.regions import decision_plane, decision_plane_complexity, decision_region_complexity
 from torchlinf.regions.open_boundary import open_profile
 
@@ -29,7 +29,7 @@ def stripes(points: Tensor) -> Tensor:
     return (points[:, 0] + points[:, 1] ** 2).floor().long() % 3
 
 
-# --- the open frame -------------------------------------------------------------------------------------------------
+# --- the open boundary ------------------------------------------------------------------------------------------------
 
 
 def within(pixel: Pixel, shape: tuple[int, ...]) -> list[Pixel]:
@@ -38,18 +38,19 @@ def within(pixel: Pixel, shape: tuple[int, ...]) -> list[Pixel]:
     return list(around)
 
 
-def naive_open_levels(mask: np.ndarray) -> list[float]:
+def naive_open_levels(mask: np.ndarray, rho: float | None = None) -> list[float]:
     """Entropies of the levels by the definition: distances and blocks that end at the edge, Gauss-Seidel sweeps."""
     inside, outside = (np.argwhere(part) for part in (mask, ~mask))
     distance = {tuple(x): int(np.abs(outside - x).max(axis=1).min()) for x in inside.tolist()}
     radius = max(distance.values())
+    rho = rho or radius
     field = dict.fromkeys(np.ndindex(mask.shape), 0.0)
     change = np.inf
     while change > 1e-15 * max(field.values()):
         change = 0.0
         for pixel in distance:
             values = [field[other] for other in within(pixel, mask.shape)]
-            new = (max(values) + min(values) + 1) / (2 + 1 / radius**2)
+            new = (max(values) + min(values) + 1) / (2 + 1 / rho**2)
             change, field[pixel] = max(change, abs(new - field[pixel])), new
     top, levels = max(field.values()), []
     for k in range(1, radius + 1):
@@ -63,31 +64,41 @@ OPEN = {name: mask for name, mask in catalogue().items() if mask.any() and not m
 
 
 @pytest.mark.parametrize("name", OPEN)
-def test_open_frames_follow_the_definition(name: str) -> None:
+def test_open_boundaries_follow_the_definition(name: str) -> None:
     for mask in (OPEN[name], ~OPEN[name]):
-        profile = open_profile(torch.from_numpy(mask)[None])
+        profile = open_profile(torch.from_numpy(mask)[None], Measure())
         np.testing.assert_allclose(profile.levels()[0], naive_open_levels(mask), rtol=0, atol=1e-9)
         assert profile.field_error_bound <= 1e-9
 
 
 @pytest.mark.parametrize("sizes", [(17,), (11, 8), (6, 5, 7), (4, 3, 5, 4)])
-def test_open_frames_of_random_shapes_in_every_dimension(sizes: tuple[int, ...]) -> None:
+def test_open_boundaries_of_random_shapes_in_every_dimension(sizes: tuple[int, ...]) -> None:
     generator = np.random.default_rng(3)
     masks = [random_mask(generator, sizes) for _ in range(6)]
     masks = [mask for mask in masks if mask.any() and not mask.all()]
     assert len(masks) >= 3
-    profile = open_profile(torch.from_numpy(np.stack(masks)))
+    profile = open_profile(torch.from_numpy(np.stack(masks)), Measure())
     for levels, mask in zip(profile.levels(), masks, strict=True):
         np.testing.assert_allclose(levels, naive_open_levels(mask), rtol=0, atol=1e-9)
 
 
-def test_open_frames_are_the_middle_of_the_mirrored_shape() -> None:
+@pytest.mark.parametrize("rho", [1.5, 40.0])
+def test_open_boundaries_of_any_screening_length(rho: float) -> None:
+    masks = [random_mask(np.random.default_rng(seed), (9, 12)) for seed in range(4)]
+    stack, each = torch.from_numpy(np.stack(masks)), torch.full((4,), rho)
+    for measure in (Measure(rho=rho), Measure(rho=each)):
+        profile = open_profile(stack, measure)
+        for levels, mask in zip(profile.levels(), masks, strict=True):
+            np.testing.assert_allclose(levels, naive_open_levels(mask, rho), rtol=0, atol=1e-9)
+
+
+def test_open_boundaries_are_the_middle_of_the_mirrored_shape() -> None:
     y, x = torch.meshgrid(torch.arange(9), torch.arange(14), indexing="ij")
     mask = 2 * x + y < 15
     far = np.pad(mask.numpy(), 60, mode="symmetric")
     field = torchlinf.solve_field(torch.from_numpy(far), rho=5.0, spatial_ndim=2).value[60:-60, 60:-60]
     distance = torchlinf.chessboard_distance(torch.from_numpy(far), spatial_ndim=2)[60:-60, 60:-60]
-    profile = open_profile(mask[None])
+    profile = open_profile(mask[None], Measure())
     assert profile.radius.item() == distance.max() == 5
     for k, found in enumerate(profile.levels()[0], start=1):
         values = (field[distance == k] / field.max() * 1024 + 1e-6).floor().clamp(max=1023)
@@ -95,17 +106,19 @@ def test_open_frames_are_the_middle_of_the_mirrored_shape() -> None:
         assert found.item() == pytest.approx(-(share * share.log2()).sum().item(), abs=1e-9)
 
 
-def test_what_is_straight_along_the_axes_is_simple_in_either_frame() -> None:
-    for cut, frame in product((0, 1), ("background", "open")):
-        found = decision_region_complexity(lambda p, cut=cut: p[:, cut], BOUNDS, (23, 16), threshold=0.4, frame=frame)
+def test_what_is_straight_along_the_axes_is_simple_with_either_boundary() -> None:
+    for cut, boundary in product((0, 1), ("background", "open")):
+        found = decision_region_complexity(
+            lambda p, cut=cut: p[:, cut], BOUNDS, resolution=(23, 16), threshold=0.4, boundary=boundary
+        )
         assert found.mean().tolist() == [0.0, 0.0]
-    band = decision_region_complexity(lambda p: p[:, 0].abs() < 0.5, BOUNDS, (23, 16), frame="open")
+    band = decision_region_complexity(lambda p: p[:, 0].abs() < 0.5, BOUNDS, resolution=(23, 16), boundary="open")
     assert band.mean()[1] == 0.0
 
 
-def test_frames_differ_where_regions_touch_the_edge_alone() -> None:
+def test_boundary_conditions_differ_where_regions_touch_the_edge_alone() -> None:
     disc = [
-        decision_region_complexity(lambda p: p.norm(dim=1) < 1, [(-2, 2)] * 2, 31, frame=f)
+        decision_region_complexity(lambda p: p.norm(dim=1) < 1, [(-2, 2)] * 2, resolution=31, boundary=f)
         for f in ("background", "open")
     ]
     assert disc[0].mean()[1] == disc[1].mean()[1] > 0  # the disc lies within
@@ -113,13 +126,15 @@ def test_frames_differ_where_regions_touch_the_edge_alone() -> None:
     assert disc[0].profile.radius[0] < disc[1].profile.radius[0]
 
 
-@pytest.mark.parametrize("frame", ["background", "open"])
-def test_a_class_everywhere_is_simple_and_a_class_nowhere_is_counted(frame: str) -> None:
-    found = decision_region_complexity(lambda p: torch.ones(len(p), 3).cumsum(1), BOUNDS, (12, 9), frame=frame)
+@pytest.mark.parametrize("boundary", ["background", "open"])
+def test_a_class_everywhere_is_simple_and_a_class_nowhere_is_counted(boundary: str) -> None:
+    found = decision_region_complexity(
+        lambda p: torch.ones(len(p), 3).cumsum(1), BOUNDS, resolution=(12, 9), boundary=boundary
+    )
     assert found.area.tolist() == [0, 0, 1]
     assert found.mean().isnan().tolist() == [True, True, False]
     assert (found.mean()[2], found.overall(), found.num_empty) == (0, 0, 2)
-    nothing = decision_region_complexity(lambda p: p, BOUNDS, (12, 9), threshold=9.0, frame=frame)
+    nothing = decision_region_complexity(lambda p: p, BOUNDS, resolution=(12, 9), threshold=9.0, boundary=boundary)
     assert nothing.num_empty == 2
     assert nothing.overall().isnan()
 
@@ -137,7 +152,7 @@ def naive_masks(labels: Callable[[list[float]], Any], classes: list[Any], sizes:
 
 
 def test_numbers_are_those_of_the_core() -> None:
-    found = decision_region_complexity(stripes, BOUNDS, (31, 22))
+    found = decision_region_complexity(stripes, BOUNDS, resolution=(31, 22))
     masks = naive_masks(lambda p: int(np.floor(p[0] + p[1] ** 2)) % 3, [0, 1, 2], (31, 22))
     np.testing.assert_array_equal(found.masks, masks)
     profile = torchlinf.complexity_profile(torch.from_numpy(masks), spatial_ndim=2)
@@ -159,7 +174,7 @@ def test_one_to_four_features_in_chunks_of_any_size(sizes: tuple[int, ...]) -> N
             calls.append(len(points))
             return (points.sum(dim=1) > 0.3).long()
 
-        found = decision_region_complexity(classifier, bounds, sizes, chunk_size=chunk_size)
+        found = decision_region_complexity(classifier, bounds, resolution=sizes, chunk_size=chunk_size)
         np.testing.assert_array_equal(found.masks, masks)
         assert sum(calls) == np.prod(sizes)
         assert max(calls) <= (chunk_size or 1 << 14)
@@ -169,7 +184,7 @@ def test_one_to_four_features_in_chunks_of_any_size(sizes: tuple[int, ...]) -> N
 @pytest.mark.parametrize("labels", [Y, np.array(["no", "yes"])[Y], (X[:, 0] // 1).astype(int), Y.astype(float)])
 def test_estimators_give_the_masks_of_predict(method: str, labels: np.ndarray) -> None:
     estimator = LogisticRegression().fit(X, labels)
-    found = decision_region_complexity(estimator, BOUNDS, (14, 11), response_method=method)
+    found = decision_region_complexity(estimator, BOUNDS, resolution=(14, 11), response_method=method)
     assert found.classes == tuple(estimator.classes_.tolist())
     masks = naive_masks(lambda p: estimator.predict([p])[0], list(estimator.classes_), (14, 11))
     np.testing.assert_array_equal(found.masks, masks)
@@ -177,16 +192,16 @@ def test_estimators_give_the_masks_of_predict(method: str, labels: np.ndarray) -
 
 def test_estimators_without_scores_and_with_thresholds() -> None:
     tree = DecisionTreeClassifier(max_depth=3, random_state=0).fit(X, Y)
-    assert decision_region_complexity(tree, BOUNDS, 40).overall() > 0
+    assert decision_region_complexity(tree, BOUNDS, resolution=40).overall() > 0
     near = KNeighborsClassifier(4).fit(X, Y)
     points = np.stack(np.meshgrid(*(np.linspace(*b, 9) for b in BOUNDS), indexing="ij"), -1).reshape(-1, 2)
-    found = decision_region_complexity(near, BOUNDS, 9, threshold=0.6)
+    found = decision_region_complexity(near, BOUNDS, resolution=9, threshold=0.6)
     np.testing.assert_array_equal(found.masks.flatten(1), near.predict_proba(points).T > 0.6)
     assert found.area.sum() < 1
     one_to_one = SVC(decision_function_shape="ovo").fit(X, (X[:, 0] // 0.8).astype(int))
     assert len(one_to_one.classes_) > 3
     with pytest.raises(ValueError, match='Pass response_method="predict"'):
-        decision_region_complexity(one_to_one, BOUNDS, 9)
+        decision_region_complexity(one_to_one, BOUNDS, resolution=9)
 
 
 def test_modules_are_asked_in_evaluation_mode_and_left_as_they_were() -> None:
@@ -195,7 +210,7 @@ def test_modules_are_asked_in_evaluation_mode_and_left_as_they_were() -> None:
     model[1].eval()
     modes = [part.training for part in model.modules()]
     before = {name: value.clone() for name, value in model.state_dict().items()}
-    found = decision_region_complexity(model, BOUNDS, (21, 13), chunk_size=50)
+    found = decision_region_complexity(model, BOUNDS, resolution=(21, 13), chunk_size=50)
     assert [part.training for part in model.modules()] == modes
     assert all(torch.equal(value, before[name]) for name, value in model.state_dict().items())
     model.eval()
@@ -208,8 +223,8 @@ def test_one_logit_needs_a_threshold(dtype: torch.dtype) -> None:
     torch.manual_seed(0)
     model = nn.Sequential(nn.Linear(2, 1, bias=False)).to(dtype)
     with pytest.raises(ValueError, match=r"threshold must be a number.*threshold=0\.0 for logits"):
-        decision_region_complexity(model, BOUNDS, 9)
-    zero, one = decision_region_complexity(model, BOUNDS, 9, threshold=0.0).masks
+        decision_region_complexity(model, BOUNDS, resolution=9)
+    zero, one = decision_region_complexity(model, BOUNDS, resolution=9, threshold=0.0).masks
     assert bool((zero ^ one).all())
     assert 0 < one.sum() < 81
 
@@ -218,11 +233,11 @@ def test_labels_by_name() -> None:
     def name(points: Tensor) -> np.ndarray:
         return np.where(points[:, 0] > 0, "b", "c")
 
-    assert decision_region_complexity(name, BOUNDS, 9).classes == ("b", "c")
-    found = decision_region_complexity(name, BOUNDS, 9, classes=["a", "b", "c"])
+    assert decision_region_complexity(name, BOUNDS, resolution=9).classes == ("b", "c")
+    found = decision_region_complexity(name, BOUNDS, resolution=9, classes=["a", "b", "c"])
     assert (found.num_empty, found.area[0]) == (1, 0)
     with pytest.raises(ValueError, match=r"classes must hold every label.*without 'c'"):
-        decision_region_complexity(name, BOUNDS, 9, classes=["a", "b"])
+        decision_region_complexity(name, BOUNDS, resolution=9, classes=["a", "b"])
 
 
 def test_bad_answers() -> None:
@@ -230,19 +245,19 @@ def test_bad_answers() -> None:
         return torch.where(points[:, :1] > 2.4, torch.nan, points)
 
     with pytest.raises(ValueError, match=r"without NaN; got NaN at 9 of 81 points, the first at \(2\.5, -1\)"):
-        decision_region_complexity(broken, BOUNDS, 9)
+        decision_region_complexity(broken, BOUNDS, resolution=9)
     with pytest.raises(ValueError, match=r"NaN at 8 of 10 points"):  # that were asked at a time
-        decision_region_complexity(broken, BOUNDS, 9, chunk_size=10)
+        decision_region_complexity(broken, BOUNDS, resolution=9, chunk_size=10)
     with pytest.raises(ValueError, match=r"NaN at 9 of 81 points"):
-        decision_region_complexity(lambda p: broken(p)[:, 0], BOUNDS, 9, threshold=0.0)
+        decision_region_complexity(lambda p: broken(p)[:, 0], BOUNDS, resolution=9, threshold=0.0)
     with pytest.raises(ValueError, match=r"NaN at \d+ of 81 points"):
-        decision_plane(lambda p: p / 0 * 0, X[:3], 9)
+        decision_plane(lambda p: p / 0 * 0, X[:3], resolution=9)
     with pytest.raises(ValueError, match=r"NaN at \d+ of 81 points"):
-        decision_plane_complexity(lambda p: p.log(), X, 4, 9)
+        decision_plane_complexity(lambda p: p.log(), X, num_planes=4, resolution=9)
     answers = [lambda p: p[:-1], lambda p: p[:, :, None], lambda p: p[:, :0], lambda p: (p, p)]
     for answer in answers:
         with pytest.raises(ValueError, match=r"classifier must answer \(81,\) or \(81, classes\)"):
-            decision_region_complexity(answer, BOUNDS, 9)
+            decision_region_complexity(answer, BOUNDS, resolution=9)
 
 
 class Undecided:
@@ -260,19 +275,40 @@ class Undecided:
 @pytest.mark.parametrize("method", ["predict", "predict_proba"])
 def test_estimators_that_answer_nan(method: str) -> None:
     with pytest.raises(ValueError, match="NaN at 9 of 81 points"):
-        decision_region_complexity(Undecided(), BOUNDS, 9, response_method=method)
+        decision_region_complexity(Undecided(), BOUNDS, resolution=9, response_method=method)
+
+
+@pytest.mark.parametrize("boundary", ["background", "open"])
+def test_options_of_the_measure_reach_the_core(boundary: str) -> None:
+    options = {"bins": 16, "estimator": "std", "rho": 3.0, "tol": 1e-7}
+    found = decision_region_complexity(stripes, BOUNDS, resolution=(31, 22), boundary=boundary, **options)
+    assert found.profile.measure == Measure(**options)
+    assert (found.profile.seconds > 0).all()
+    if boundary == "background":
+        same = torchlinf.complexity_profile(found.masks, spatial_ndim=2, **options)
+    else:
+        same = open_profile(found.masks, Measure(**options))
+    assert torch.equal(found.profile.level_values, same.level_values)
+    planes = decision_plane_complexity(
+        stripes, X, num_planes=2, resolution=12, boundary=boundary, low=0.1, high=0.6, **options
+    )
+    assert planes.measure == Measure(low=0.1, high=0.6, **options)
+    one = decision_plane(stripes, X[planes.triples[0]], resolution=12, boundary=boundary, **options)
+    assert one.overall(0.1, 0.6) == planes.values[0]
+    with pytest.raises(TypeError, match="low is not an option here"):
+        decision_plane(stripes, X[:3], low=0.5)
 
 
 def test_infinite_answers_are_answers() -> None:
-    found = decision_region_complexity(lambda p: torch.where(p > 0, torch.inf, p), BOUNDS, (12, 9))
-    same = decision_region_complexity(lambda p: torch.where(p > 0, 9.0, p), BOUNDS, (12, 9))
+    found = decision_region_complexity(lambda p: torch.where(p > 0, torch.inf, p), BOUNDS, resolution=(12, 9))
+    same = decision_region_complexity(lambda p: torch.where(p > 0, 9.0, p), BOUNDS, resolution=(12, 9))
     assert torch.equal(found.masks, same.masks)
 
 
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
-        ({"frame": "closed"}, ValueError, "frame must be one of 'background', 'open'"),
+        ({"boundary": "closed"}, ValueError, "boundary must be one of 'background', 'open'"),
         ({"response_method": "score"}, ValueError, "response_method must be one of"),
         ({"response_method": "predict"}, ValueError, "beside a function. Leave it out"),
         ({"threshold": "half"}, TypeError, "threshold must be a number or None"),
@@ -286,6 +322,11 @@ def test_infinite_answers_are_answers() -> None:
         ({"resolution": 1}, ValueError, "resolution must be 2 or more"),
         ({"classifier": 3}, TypeError, "classifier must be a torch.nn.Module, a scikit-learn estimator or a callable"),
         ({"bins": 0}, ValueError, "bins must be"),
+        ({"rho": -1.0}, ValueError, "rho must be finite and above 0"),
+        ({"windows": {"a": (0, 1)}}, TypeError, "windows is not an option here"),
+        ({"bounds": ["ab", "cd"]}, TypeError, r"one \(low, high\) for each feature"),
+        ({"classes": "ab"}, TypeError, "classes must be a sequence of names; got 'ab'"),
+        ({"classes": [1, 1, 2]}, ValueError, r"classes must differ from each other; got \[1, 1, 2\]"),
     ],
 )
 def test_bad_arguments(change: dict[str, Any], error: type[Exception], words: str) -> None:
@@ -305,7 +346,7 @@ def test_bounds_around_data() -> None:
 
 def test_planes_go_through_their_points_isometrically() -> None:
     points = torch.randn(3, 2, 5, 4, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
-    plane = decision_plane(lambda p: p.flatten(1)[:, :3], points, 8).plane
+    plane = decision_plane(lambda p: p.flatten(1)[:, :3], points, resolution=8).plane
     assert plane is not None
     torch.testing.assert_close(plane.points(plane.corners), points)
     torch.testing.assert_close(torch.pdist(plane.corners), torch.pdist(points.flatten(1)))
@@ -313,7 +354,10 @@ def test_planes_go_through_their_points_isometrically() -> None:
 
 def test_planes_do_not_depend_on_the_order_of_the_points() -> None:
     points = torch.randn(3, 6, generator=torch.Generator().manual_seed(2))
-    found = [decision_plane(lambda p: p[:, :3], points[list(order)], 30) for order in [(0, 1, 2), (2, 0, 1), (1, 0, 2)]]
+    found = [
+        decision_plane(lambda p: p[:, :3], points[list(order)], resolution=30)
+        for order in [(0, 1, 2), (2, 0, 1), (1, 0, 2)]
+    ]
     assert found[0].overall() > 0
     for other in found[1:]:
         torch.testing.assert_close(other.mean(), found[0].mean(), equal_nan=True)
@@ -321,36 +365,48 @@ def test_planes_do_not_depend_on_the_order_of_the_points() -> None:
 
 def test_a_plane_of_two_features_is_that_grid() -> None:
     corners = torch.tensor([[-2.0, 0.0], [2.0, 0.0], [0.0, 1.0]])
-    found = decision_plane(stripes, corners, 25, margin=0.5)
+    found = decision_plane(stripes, corners, resolution=25, relative_margin=0.5)
     # centred on the triangle's box, 4 + 2 * 0.5 * 4 wide, and as high
-    same = decision_region_complexity(lambda p: stripes(p), [(-4, 4), (-3.5, 4.5)], 25)
+    same = decision_region_complexity(lambda p: stripes(p), [(-4, 4), (-3.5, 4.5)], resolution=25)
     torch.testing.assert_close(found.masks, same.masks)
     assert [(axis[0].item(), axis[-1].item()) for axis in found.axes] == [(-2, 6), (-3.5, 4.5)]
 
 
 def test_means_over_planes_have_the_textbook_error() -> None:
     data = torch.randn(30, 5, generator=torch.Generator().manual_seed(3))
-    found = decision_plane_complexity(lambda p: p[:, :3], data, 7, 20, high=0.5, frame="open", seed=4)
+    found = decision_plane_complexity(
+        lambda p: p[:, :3], data, num_planes=7, resolution=20, high=0.5, boundary="open", seed=4
+    )
     one_by_one = [
-        decision_plane(lambda p: p[:, :3], data[triple], 20, frame="open").overall(0.0, 0.5) for triple in found.triples
+        decision_plane(lambda p: p[:, :3], data[triple], resolution=20, boundary="open").overall(0.0, 0.5)
+        for triple in found.triples
     ]
     torch.testing.assert_close(found.values, torch.stack(one_by_one))
-    assert found.mean == pytest.approx(np.mean(one_by_one))
-    assert found.standard_error == pytest.approx(np.std(one_by_one, ddof=1) / np.sqrt(7))
-    again = decision_plane_complexity(lambda p: p[:, :2], data, 7, 8, seed=4)
+    assert found.mean() == pytest.approx(np.mean(one_by_one))
+    assert found.standard_error() == pytest.approx(np.std(one_by_one, ddof=1) / np.sqrt(7))
+    again = decision_plane_complexity(lambda p: p[:, :2], data, num_planes=7, resolution=8, seed=4)
     assert torch.equal(again.triples, found.triples)
     assert all(len(set(triple)) == 3 for triple in found.triples.tolist())
-    other = decision_plane_complexity(lambda p: p[:, :2], data, 7, 8, seed=5)
+    other = decision_plane_complexity(lambda p: p[:, :2], data, num_planes=7, resolution=8, seed=5)
     assert not torch.equal(other.triples, found.triples)
+
+
+def test_means_over_planes_do_not_depend_on_a_rotation() -> None:
+    data = torch.randn(30, 5, generator=torch.Generator().manual_seed(6), dtype=torch.float64)
+    turn = torch.linalg.qr(torch.randn(5, 5, generator=torch.Generator().manual_seed(7), dtype=torch.float64)).Q
+    found = decision_plane_complexity(lambda p: p.double()[:, :3], data, num_planes=6, resolution=20)
+    turned = decision_plane_complexity(lambda p: (p.double() @ turn)[:, :3], data @ turn.T, num_planes=6, resolution=20)
+    assert found.mean() > 0
+    assert turned.mean() == pytest.approx(found.mean(), rel=1e-3)
 
 
 def test_planes_without_regions_are_counted() -> None:
     data = torch.tensor([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [100.0, 1.0], [101.0, 3.0]])
-    found = decision_plane_complexity(lambda p: p[:, [0, 0]], data, 40, 8, threshold=50.0)
+    found = decision_plane_complexity(lambda p: p[:, [0, 0]], data, num_planes=40, resolution=8, threshold=50.0)
     assert 0 < found.num_empty < 39
     kept = found.values[~found.values.isnan()].numpy()
-    assert found.mean == pytest.approx(kept.mean())
-    assert found.standard_error == pytest.approx(kept.std(ddof=1) / np.sqrt(len(kept)))
+    assert found.mean() == pytest.approx(kept.mean())
+    assert found.standard_error() == pytest.approx(kept.std(ddof=1) / np.sqrt(len(kept)))
 
 
 def test_points_that_span_no_plane() -> None:
@@ -361,11 +417,15 @@ def test_points_that_span_no_plane() -> None:
     with pytest.raises(ValueError, match=r"points must be three.*got \(4, 2\)"):
         decision_plane(stripes, line)
     with pytest.raises(ValueError, match="got 0 in 20 tries"):
-        decision_plane_complexity(stripes, line, 2)
+        decision_plane_complexity(stripes, line, num_planes=2)
     with pytest.raises(ValueError, match="num_planes must be 2 or more"):
-        decision_plane_complexity(stripes, X, 1)
-    with pytest.raises(ValueError, match="margin must be"):
-        decision_plane(stripes, X[:3], margin=-0.1)
+        decision_plane_complexity(stripes, X, num_planes=1)
+    with pytest.raises(ValueError, match="relative_margin must be"):
+        decision_plane(stripes, X[:3], relative_margin=-0.1)
+    with pytest.raises(TypeError, match="points must be an array of numbers; got str"):
+        decision_plane(stripes, "three")
+    with pytest.raises(ValueError, match="seed must be an integer of 0 or more; got -1"):
+        decision_plane_complexity(stripes, X, seed=-1)
 
 
 # --- the loss -------------------------------------------------------------------------------------------------------
@@ -379,12 +439,12 @@ def small_network(outputs: int = 2) -> nn.Sequential:
 @pytest.mark.parametrize("outputs", [2, 3, 1])
 def test_the_loss_is_the_hard_number(outputs: int) -> None:
     model = small_network(outputs)
-    loss = regions.DecisionRegionLoss(BOUNDS, 24, high=0.5, weight=3.0)(model)
-    found = decision_region_complexity(model, BOUNDS, 24, threshold=0.0 if outputs == 1 else None)
+    loss = regions.DecisionRegionLoss(BOUNDS, resolution=24, high=0.5, weight=3.0)(model)
+    found = decision_region_complexity(model, BOUNDS, resolution=24, threshold=0.0 if outputs == 1 else None)
     assert found.overall(0.0, 0.5) > 0
     assert loss.item() == pytest.approx(3 * found.overall(0.0, 0.5).item(), rel=1e-5)
     points = X[:3]
-    plane = decision_plane(model, points, 20, threshold=0.0 if outputs == 1 else None)
+    plane = decision_plane(model, points, resolution=20, threshold=0.0 if outputs == 1 else None)
     assert regions.DecisionRegionLoss(resolution=20)(model, points).item() == pytest.approx(
         plane.overall().item(), rel=1e-5
     )
@@ -393,7 +453,7 @@ def test_the_loss_is_the_hard_number(outputs: int) -> None:
 def test_training_with_the_loss_makes_regions_simpler_at_equal_accuracy() -> None:
     found, target = make_moons(80, noise=0.35, random_state=0)
     inputs, classes, bounds = torch.tensor(found).float(), torch.tensor(target), regions.bounds_around(found, eps=0.5)
-    loss = regions.DecisionRegionLoss(bounds, 40, weight=0.1)
+    loss = regions.DecisionRegionLoss(bounds, resolution=40, weight=0.1)
 
     def train(model: nn.Module, steps: int, rate: float, regularise: bool) -> nn.Module:
         optimiser = torch.optim.Adam(model.parameters(), lr=rate)
@@ -407,7 +467,9 @@ def test_training_with_the_loss_makes_regions_simpler_at_equal_accuracy() -> Non
 
     start = train(small_network(), 400, 1e-2, False)
     plain, simple = (train(copy.deepcopy(start), 60, 3e-3, regularise) for regularise in (False, True))
-    before, after = (float(decision_region_complexity(model, bounds, 40).overall()) for model in (plain, simple))
+    before, after = (
+        float(decision_region_complexity(model, bounds, resolution=40).overall()) for model in (plain, simple)
+    )
     assert after < 0.9 * before
     assert bool((simple(inputs).argmax(dim=1) == classes).float().mean() >= 0.97)
 
@@ -420,11 +482,15 @@ def test_the_loss_refuses() -> None:
     ):
         with pytest.raises(ValueError, match="either bounds or points"):
             wrong()
+    with pytest.raises(TypeError, match=r"rho must be None or one number here; got a tensor \(2,\)"):
+        regions.DecisionRegionLoss(BOUNDS, rho=torch.ones(2))
+    with pytest.raises(TypeError, match="relative_margin must be a finite number"):
+        regions.DecisionRegionLoss(relative_margin="wide")(model, X[:3])
     with pytest.raises(ValueError, match="1 to 3 features"):
         regions.DecisionRegionLoss([(0, 1)] * 4)
     with pytest.raises(ValueError, match=r"model must answer \(64,\) or"):
-        regions.DecisionRegionLoss(BOUNDS, 8)(nn.Sequential(nn.Linear(2, 2), nn.Unflatten(1, (1, 2))))
+        regions.DecisionRegionLoss(BOUNDS, resolution=8)(nn.Sequential(nn.Linear(2, 2), nn.Unflatten(1, (1, 2))))
     with torch.no_grad():
         model[0].bias.fill_(torch.nan)
     with pytest.raises(ValueError, match="model must answer finite numbers"):
-        regions.DecisionRegionLoss(BOUNDS, 8)(model)
+        regions.DecisionRegionLoss(BOUNDS, resolution=8)(model)

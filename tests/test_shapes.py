@@ -6,7 +6,18 @@ import pytest
 import torch
 from torch import Tensor
 
-from torchlinf.shapes import Appendage, box, cube_with_appendages, disc, square, superellipse, with_appendages
+from torchlinf.shapes import (
+    Appendage,
+    appendage_dictionary,
+    band,
+    box,
+    cube_with_appendages,
+    disc,
+    rooms,
+    square,
+    superellipse,
+    with_appendages,
+)
 
 
 def picture(shape: Tensor) -> list[str]:
@@ -184,6 +195,16 @@ def test_a_cube_with_all_six_appendages_is_symmetric() -> None:
             ValueError,
             r"depth must be an integer of 1 or more; got 0\. Pass",
         ),
+        (lambda: with_appendages(4, []), TypeError, r"sides must be 1 to 3 numbers; got 4\. Pass"),  # type: ignore[arg-type]
+        (
+            lambda: with_appendages((4, 4), ["top"]),
+            TypeError,
+            r"appendages must hold Appendage objects; got 'top'\. Pass",
+        ),  # type: ignore[list-item]
+        (lambda: cube_with_appendages(4, 2, "top"), TypeError, r"faces must be a sequence of names; got 'top'\. Pass"),
+        (lambda: band(3, 1), TypeError, r"points must be a sequence of corners; got 3\. Pass"),  # type: ignore[arg-type]
+        (lambda: appendage_dictionary(widths=3), TypeError, r"widths must be a sequence of integers; got 3\. Pass"),  # type: ignore[arg-type]
+        (lambda: rooms(1, 1, obstacle=3), TypeError, r"obstacle must be a pair \(height, width\); got 3\. Pass"),  # type: ignore[arg-type]
         (
             lambda: cube_with_appendages(4, 2, ["top", "left", "top"]),
             ValueError,

@@ -8,7 +8,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf.shapes.noise import _boxed, _closed, _eroded, _normal
+from torchlinf._boxes import bounding_box
+from torchlinf.shapes.noise import boundary_of, closed, random_patches
 
 FACTORS = (1, 2, 3, 4, 5, 6)
 
@@ -39,37 +40,38 @@ class Assumptions:
 
 def noisy_squares(assumptions: Assumptions, factor: int, number: int) -> list[Tensor]:
     """The squares of one noise factor in the data set of that number, one for each count."""
-
-    def generator(count: int) -> torch.Generator:
-        # The seeds of the gallery page: by default the squares are the same.
-        return torch.Generator().manual_seed(1_000_000 * number + 1_000 * factor + count)
-
     if assumptions.growing:
-        return _grown(assumptions, factor, assumptions.counts, generator(assumptions.counts[-1]))
-    return [_grown(assumptions, factor, [count], generator(count))[0] for count in assumptions.counts]
+        return _after_each(assumptions, factor, assumptions.counts, seed_of(number, factor, assumptions.counts[-1]))
+    return [_after_each(assumptions, factor, [n], seed_of(number, factor, n))[0] for n in assumptions.counts]
 
 
-def _grown(assumptions: Assumptions, factor: int, counts: Sequence[int], generator: torch.Generator) -> list[Tensor]:
-    """One square and what it is after each count of additions; random numbers in the order of `add_noise`."""
-    widths = _normal(factor, counts[-1], generator).clip(min=0)
-    lengths = np.split(_normal(factor, 2 * widths.sum(), generator), 2 * widths.cumsum()[:-1])
-    places = torch.rand(counts[-1], generator=generator, dtype=torch.float64).tolist()
+def seed_of(number: int, factor: int, count: int) -> int:
+    """The seed of a square; those of the gallery page, so that by default the squares are the same.
+
+    The squares of a data set have no random numbers in common: with one seed for all of them they would not be
+    independent, and the spread of tau would be another.
+    """
+    return 1_000_000 * number + 1_000 * factor + count
+
+
+def _after_each(assumptions: Assumptions, factor: int, counts: Sequence[int], seed: int) -> list[Tensor]:
+    """One square as it is after each count of additions."""
     canvas = np.pad(np.ones((assumptions.side, assumptions.side), dtype=np.bool_), 30 * (factor + 1))
-    boundary, middle, found = canvas & ~_eroded(canvas), (len(canvas) - 1) / 2, []
-    for i, (place, of_patch) in enumerate(zip(places, lengths, strict=True), start=1):
+    boundary, middle, found = boundary_of(canvas), (len(canvas) - 1) / 2, []
+    for i, (place, lengths) in enumerate(random_patches(factor, counts[-1], seed), start=1):
         candidates = np.flatnonzero(boundary)
         row, column = divmod(int(candidates[int(place * len(candidates))]), len(canvas))
-        patch = _patch(of_patch.reshape(2, -1), assumptions.lines, (column > middle, row > middle))
+        patch = _patch(lengths, assumptions.lines, (column > middle, row > middle))
         # Closing reaches further than the patch by less than its square, and the boundary by one pixel more.
-        closed = len(patch) // 2 + (factor if assumptions.closing == "always" else 0)
-        near, inner = (_around(row, column, closed + more) for more in (factor + 1, 0))
+        reach = len(patch) // 2 + (factor if assumptions.closing == "always" else 0)
+        near, inner = (_around(row, column, reach + more) for more in (factor + 1, 0))
         canvas[_around(row, column, len(patch) // 2)] |= patch
         if assumptions.closing == "always":
-            canvas[inner] |= _closed(canvas[near], factor)[factor + 1 : -factor - 1, factor + 1 : -factor - 1]
+            canvas[inner] |= closed(canvas[near], factor)[factor + 1 : -factor - 1, factor + 1 : -factor - 1]
         if assumptions.boundary == "present":
-            boundary[near][1:-1, 1:-1] = (canvas[near] & ~_eroded(canvas[near]))[1:-1, 1:-1]
+            boundary[near][1:-1, 1:-1] = boundary_of(canvas[near])[1:-1, 1:-1]
         if i in counts:
-            found.append(_boxed(torch.from_numpy(_closed(canvas, factor))))
+            found.append(torch.from_numpy(closed(canvas[bounding_box(canvas)], factor)))
     return found
 
 

@@ -8,7 +8,7 @@ from sklearn.datasets import make_moons
 from torch import Tensor, nn
 
 from benchmarks.timing import Ratio, alternate, ratio
-from torchlinf import complexity_profile
+from torchlinf import Measure, complexity_profile
 from torchlinf.regions import bounds_around, decision_region_complexity
 from torchlinf.regions.open_boundary import open_profile
 
@@ -33,7 +33,7 @@ def run(resolution: int = 256, rounds: int = 7, widths: tuple[int, ...] = WIDTHS
 def _answer(width: int, resolution: int, rounds: int) -> Answer:
     points, classes = make_moons(300, noise=0.3, random_state=0)
     model = trained(width, torch.from_numpy(points).float(), torch.from_numpy(classes))
-    found = decision_region_complexity(model, bounds_around(points, eps=0.5), resolution)
+    found = decision_region_complexity(model, bounds_around(points, eps=0.5), resolution=resolution)
     grid = torch.cartesian_prod(*found.axes).float()
     if not torch.equal(ask(model, grid).reshape(resolution, resolution) == 1, found.masks[1]):
         raise AssertionError("the grid must be the one that is measured")
@@ -41,7 +41,7 @@ def _answer(width: int, resolution: int, rounds: int) -> Answer:
         {
             "classifier": lambda: ask(model, grid),
             "background": lambda: complexity_profile(found.masks, spatial_ndim=2),
-            "open": lambda: open_profile(found.masks),
+            "open": lambda: open_profile(found.masks, Measure()),
         },
         rounds=rounds,
     )

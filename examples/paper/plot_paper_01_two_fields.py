@@ -22,7 +22,7 @@ from torch import Tensor
 
 import torchlinf
 from torchlinf import plot, shapes
-from torchlinf.measure.entropy import level_values
+from torchlinf.measure import level_values
 
 horse = ~torch.from_numpy(data.horse())[None, None]
 masks = {

@@ -70,11 +70,12 @@ plt.show()
 # %%
 # The profiles, opposite faces with a wide line and adjacent ones with a thin one on top.
 
+profiles = {name: torchlinf.complexity_profile(mask, spatial_ndim=3) for name, mask in family.items()}
 fig, ax = plt.subplots(figsize=(8, 3.4), layout="constrained")
-for name, mask in family.items():
+for name, profile in profiles.items():
     thin = name.endswith("adjacent")
     color = "#222222" if thin else plot.COLOURS[int(name[0])]
-    plot.profile(mask, label=name, color=color, ax=ax)
+    plot.profile(profile, label=name, color=color, ax=ax)
     ax.patches[-1].set_linewidth(1 if thin else 4)
 ax.axvline(0.25, color="#555555", linestyle=":", linewidth=1)
 ax.text(0.25, 1.0, " 1/4", transform=ax.get_xaxis_transform(), va="top", color="#555555")
@@ -87,7 +88,6 @@ plt.show()
 # less than the one before. Opposite and adjacent faces give the same complexity, not only in the mean but level by
 # level.
 
-profiles = {name: torchlinf.complexity_profile(mask, spatial_ndim=3) for name, mask in family.items()}
 print("faces          mean over (0, 1/4]   over (1/4, 1]   (bits)")
 for name, profile in profiles.items():
     print(f"{name:12} {float(profile.mean(0, 0.25)):14.5f} {float(profile.mean(0.25, 1)):17.5f}")

@@ -38,10 +38,11 @@ plt.show()
 # Complexity against scale: wide lines for the centred ones, thin dark ones on top for the flush ones. The dotted lines
 # part the three windows.
 
+profiles = {name: torchlinf.complexity_profile(family[name], spatial_ndim=2) for name in order}
 fig, ax = plt.subplots(figsize=(8, 4), layout="constrained")
 for name in order:
     flush = name.endswith("flush")
-    plot.profile(family[name], label=None if flush else name, color="#222222" if flush else colors[name], ax=ax)
+    plot.profile(profiles[name], label=None if flush else name, color="#222222" if flush else colors[name], ax=ax)
     ax.patches[-1].set_linewidth(0.8 if flush else 4)
 for label, cutoff in {"1/4": 0.25, "5/8": 0.625}.items():
     ax.axvline(cutoff, color="#555555", linestyle=":", linewidth=1)
@@ -54,7 +55,6 @@ plt.show()
 # The mean over each window, the shapes sorted as in a dictionary.
 
 WINDOWS = {"(0, 1/4]": (0.0, 0.25), "(1/4, 5/8]": (0.25, 0.625), "(5/8, 1]": (0.625, 1.0)}
-profiles = {name: torchlinf.complexity_profile(family[name], spatial_ndim=2) for name in order}
 means = {
     window: np.array([round(float(profile.mean(*ends)), 5) for profile in profiles.values()])
     for window, ends in WINDOWS.items()

@@ -34,8 +34,7 @@ SETS = range(50 if "--full" in sys.argv else 10)
 
 def noisy_square(number: int, factor: int, count: int) -> torch.Tensor:
     """The square of a data set; no two of all have random numbers in common."""
-    generator = torch.Generator().manual_seed(1_000_000 * number + 1_000 * factor + count)
-    return shapes.add_noise(shapes.square(SIDE), factor, count, generator)
+    return shapes.add_noise(shapes.square(SIDE), factor, count, seed=1_000_000 * number + 1_000 * factor + count)
 
 
 fig, axes = plt.subplots(len(COUNTS), len(FACTORS), figsize=(8, 5.3), sharex=True, sharey=True, layout="constrained")

@@ -59,8 +59,8 @@ plt.show()
 # The same against scale.
 
 fig, ax = plt.subplots(figsize=(8, 4.2), layout="constrained")
-for name, mask in masks.items():
-    plot.profile(mask, label=name, color=colors[name], style="-" if name in plans else "--", ax=ax)
+for name, profile in profiles.items():
+    plot.profile(profile, label=name, color=colors[name], style="-" if name in plans else "--", ax=ax)
 for label, cutoff in {"32/128": 0.25, "80/128": 0.625}.items():
     ax.axvline(cutoff, color="#555555", linestyle=":", linewidth=1)
     ax.text(cutoff, 1.0, f" {label}", transform=ax.get_xaxis_transform(), va="top", color="#555555")

@@ -197,7 +197,7 @@ for factor, color, marker in zip((1, 2, 3, 4), plot.COLOURS, "osD^", strict=Fals
         (complexity(noisy), spectrum_entropy(noisy))
         for count in (10, 20, 40, 80)
         for seed in range(SEEDS)
-        for noisy in [shapes.add_noise(shapes.square(SIDE), factor, count, torch.Generator().manual_seed(seed))]
+        for noisy in [shapes.add_noise(shapes.square(SIDE), factor, count, seed=seed)]
     ]
     ax.scatter(*zip(*pairs, strict=True), s=22, color=color, marker=marker, label=f"patches of {factor} pixels")
     found += pairs

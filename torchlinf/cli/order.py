@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # More shapes than this make a picture that nobody follows.
 MAX_DRAWN = 40
 
-BY_DEFAULT = ",".join(f"{low:g}-{high:g}" for low, high in WINDOWS)
+BY_DEFAULT = ",".join(f"{low:g}-{high:g}" for low, high in WINDOWS.values())
 
 EPILOG = f"""{RULE}
 
@@ -82,7 +82,8 @@ def order(
         masks: dict[str, NDArray[np.bool_]] = {}  # stays empty without a picture: many masks need much memory
         profiles = _solve(sources, threshold, invert, max_pixels, None if plot is None else masks)
         if profiles:
-            found = dominance(profiles, windows=compared)
+            named = {f"complexity_{low:g}_{high:g}": (low, high) for low, high in compared or [(0.0, 1.0)]}
+            found = dominance(profiles, windows=named, every_scale=compared is None)
             titles = {source.name: title(source, sources) for source in sources if source.name in profiles}
             _print(found, titles, as_json)
             if plot is not None:

@@ -25,10 +25,10 @@ def order_rows(order: "DiGraph") -> Iterator[Row]:
         each window in bits; `equal`, `above` (one step, without what follows) and `incomparable`, lists of names.
 
     >>> import networkx as nx
-    >>> order = nx.DiGraph([(("a", "b"), ("c",))], windows=[(0.0, 1.0)])
+    >>> order = nx.DiGraph([(("a", "b"), ("c",))], windows={"complexity": (0.0, 1.0)})
     >>> order.add_nodes_from(order, indicators=(0.5,))
     >>> next(order_rows(order))
-    {'path': 'a', 'rank': 0, 'complexity_0_1': 0.5, 'equal': ['b'], 'above': ['c'], 'incomparable': []}
+    {'path': 'a', 'rank': 0, 'complexity': 0.5, 'equal': ['b'], 'above': ['c'], 'incomparable': []}
     """
     import networkx as nx
 
@@ -37,7 +37,7 @@ def order_rows(order: "DiGraph") -> Iterator[Row]:
     for a, b in incomparable_pairs(order):
         apart[a] += b
         apart[b] += a
-    columns = [f"complexity_{low:g}_{high:g}" for low, high in order.graph["windows"]]
+    columns = list(order.graph["windows"])
     place = {node: i for i, node in enumerate(order)}
     for rank, nodes in enumerate(nx.topological_generations(steps)):
         for node in sorted(nodes, key=place.__getitem__):
@@ -72,7 +72,7 @@ def print_order(order: "DiGraph") -> None:
     from rich.table import Table
 
     console = Console(highlight=False)
-    means = [f"t in ({low:g}, {high:g}]" for low, high in order.graph["windows"]]
+    means = [f"t in ({low:g}, {high:g}]" for low, high in order.graph["windows"].values()]
     table = Table(caption="Mean complexity in bits.", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("mask", overflow="fold")
     for title in ("rank", *means):

@@ -1,5 +1,6 @@
 """Orders of shapes: partial orders by several indicators, their Hasse diagrams and chains, and Kendall's tau."""
 
+from torchlinf.order.agreement import kendall_tau
 from torchlinf.order.partial_order import (
     WINDOWS,
     Node,
@@ -7,7 +8,6 @@ from torchlinf.order.partial_order import (
     dominance,
     hasse_diagram,
     incomparable_pairs,
-    kendall_tau,
     largest_antichain,
     longest_chain,
 )

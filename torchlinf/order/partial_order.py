@@ -1,19 +1,16 @@
-"""Orders of shapes: partial ones, in which a simpler shape is so in every respect, and agreement with a given one.
+"""Partial orders of shapes: a shape is simpler than another if it is so in every respect.
 
-One number orders all shapes in a line; several do not. A shape is simpler than another if no indicator says the
-contrary and one says so. Indicators are means of the complexity over windows of scales, or its values at all scales.
-The orders are networkx graphs, so that all of networkx works on them.
+One number puts all shapes in a line; several numbers do not. A shape is simpler than another if none of the numbers is
+larger and at least one is smaller. The numbers are means of the complexity over windows of scales, or its values at
+every scale. The orders are networkx graphs, so that all of networkx works on them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import combinations
 from typing import TYPE_CHECKING, TypeAlias, cast
 
-import torch
-from torch import Tensor
-
-from torchlinf.measure import ComplexityProfile
-from torchlinf.order.indicators import means_over, ranks, require_one_shape, slack_of, values_at_all_scales
+from torchlinf.measure import ComplexityProfile, Measure
+from torchlinf.order.indicators import means_over, ranks, require_comparable, tolerance_of, values_at_all_scales
 
 if TYPE_CHECKING:
     from networkx import DiGraph
@@ -21,33 +18,46 @@ if TYPE_CHECKING:
 # Shapes that are equal in every indicator, by name.
 Node: TypeAlias = tuple[str, ...]
 
-# The paper's pair: detail near the boundary, and all of the shape.
-WINDOWS = ((0.0, 0.25), (0.0, 1.0))
+# The paper's pair of windows: near the boundary, and all of the shape.
+WINDOWS = {"fine": (0.0, 0.25), "all": (0.0, 1.0)}
 
 
 def dominance(
-    profiles: Mapping[str, ComplexityProfile], *, windows: Sequence[tuple[float, float]] | None = WINDOWS
+    profiles: Mapping[str, ComplexityProfile],
+    *,
+    windows: Mapping[str, tuple[float, float]] | None = WINDOWS,
+    every_scale: bool = False,
 ) -> "DiGraph":
-    """Order shapes by several indicators of their complexity at once.
+    """Order shapes by several numbers of their complexity at once, the indicators.
 
-    Two values count as equal if their intervals overlap, each value give or take twice the certified relative error of
-    its field; so do values that overlaps connect, for equality has to be transitive. For the entropy, whose values
-    jump when a pixel passes the edge of a bin, that is what the edges are made for (`torchlinf.entropy`).
+    The profiles are computed already; nothing is solved here.
+
+    Two values count as equal if their intervals overlap: each value plus or minus twice the certified relative error
+    of its field. Values that a chain of overlaps connects count as equal too, since equality has to be transitive.
+    This is a heuristic, not a proof: the error of the field is certified, but it is no bound of the error of the
+    complexity, which jumps where a value of the field crosses the edge of a bin.
 
     Args:
-        profiles: the shapes by name, each a profile of one shape that is not empty, all of one estimator.
-        windows: windows of scales (low, high] with 0 <= low < high <= 1; each mean is an indicator. None compares at
-            all scales: the value of a shape's level at every t in (0, 1] is an indicator, exactly, not on a grid.
+        profiles: the shapes by name, each the profile of one shape that is not empty, all of one estimator and number
+            of bins.
+        windows: windows of scales, a mapping of names to (low, high) with 0 <= low < high <= 1; the mean over each
+            window is an indicator. None means one window over all scales, named "complexity".
+        every_scale: if True, the values at every scale t in (0, 1] are the indicators instead: all steps of all
+            profiles are compared, not samples on a grid. `windows` then only says which means the nodes carry.
 
     Returns:
-        A networkx.DiGraph. Its nodes are tuples of names, several where shapes are equal in every indicator. It has an
-        edge from each node to all that are more complex, and is transitively closed. Node attribute `indicators`: the
-        means over the windows (over all scales for None) of the first shape of the node, in bits for the entropy.
-        Attribute `windows` of the graph: those windows.
+        A networkx.DiGraph, transitively closed. Its nodes are tuples of names, several where shapes are equal in every
+        indicator. It has an edge from each node to every node that is more complex. Node attribute `indicators`: the
+        means over the windows of the first shape of the node, in bits (share of the field's maximum for "std"), in the
+        order of the windows. Graph attributes: `windows`, the mapping of names to (low, high), and `unit`, that of the
+        means. No shapes give a graph without nodes.
 
     Raises:
-        TypeError: a value is no `ComplexityProfile`.
-        ValueError: a profile holds several shapes or an empty one, there are no windows, or one is no window.
+        TypeError: `profiles` or `windows` is no mapping, or a value is no `ComplexityProfile`.
+        ValueError: a profile holds several shapes or an empty one, profiles differ in estimator or bins, there are no
+            windows, or one is no window.
+
+    Source: Arslan and Tari (2020) compare by the two windows of the default.
 
     Example:
         >>> from torchlinf import complexity_profile, shapes
@@ -61,18 +71,18 @@ def dominance(
     if not isinstance(profiles, Mapping):
         got = type(profiles).__name__
         raise TypeError(f"profiles must map names to profiles; got {got}. Pass {{'a': complexity_profile(mask), ...}}.")
-    for name, profile in profiles.items():
-        require_one_shape(name, profile)
+    require_comparable(profiles.items())
+    named = Measure(windows=windows).named_windows()
     solved = list(profiles.values())
-    averaged = ((0.0, 1.0),) if windows is None else tuple(windows)
-    means = means_over(solved, averaged)
-    rank = ranks(values_at_all_scales(solved) if windows is None else means, slack_of(solved))  # (shapes, indicators)
+    means = means_over(solved, named)
+    indicators = values_at_all_scales(solved) if every_scale else means
+    rank = ranks(indicators, tolerance_of(solved))  # (shapes, indicators)
     members: dict[tuple[int, ...], list[int]] = {}
     for i, row in enumerate(rank.tolist()):
         members.setdefault(tuple(row), []).append(i)
     names, first = list(profiles), [same[0] for same in members.values()]
     nodes = [tuple(names[i] for i in same) for same in members.values()]
-    graph = nx.DiGraph(windows=averaged)
+    graph = nx.DiGraph(windows=named, unit=solved[0].measure.unit if solved else Measure().unit)
     for node, i in zip(nodes, first, strict=True):
         graph.add_node(node, indicators=tuple(means[i].tolist()))
     for node, i in zip(nodes, first, strict=True):
@@ -83,16 +93,18 @@ def dominance(
 
 
 def hasse_diagram(graph: "DiGraph") -> "DiGraph":
-    """The steps of an order: its edges without those that follow from others.
+    """The steps of an order: its edges without those that follow from other edges.
 
     Args:
-        graph: an order, as `dominance` returns it; any acyclic graph will do.
+        graph: an order, as `dominance` returns it. Any networkx.DiGraph without a cycle will do.
 
     Returns:
-        A networkx.DiGraph of the same nodes and attributes, the transitive reduction.
+        A networkx.DiGraph of the same nodes and attributes, the transitive reduction; its edges are in the order of
+        those of the graph.
 
     Raises:
-        networkx.NetworkXError: the graph has a cycle.
+        TypeError: `graph` is no networkx.DiGraph.
+        ValueError: it has a cycle.
 
     Example:
         >>> import networkx as nx
@@ -101,6 +113,7 @@ def hasse_diagram(graph: "DiGraph") -> "DiGraph":
     """
     import networkx as nx
 
+    _require_order(graph)
     kept = nx.transitive_reduction(graph)
     reduced = nx.DiGraph(**graph.graph)
     reduced.add_nodes_from(graph.nodes(data=True))
@@ -110,13 +123,17 @@ def hasse_diagram(graph: "DiGraph") -> "DiGraph":
 
 
 def longest_chain(graph: "DiGraph") -> list[Node]:
-    """The most nodes of which each is simpler than the next.
+    """The longest list of nodes of which each is simpler than the next.
 
     Args:
         graph: an order, as `dominance` returns it.
 
     Returns:
-        The nodes from the simplest on; the first such chain where there are several.
+        The nodes from the simplest on; one such chain where there are several, and none for a graph without nodes.
+
+    Raises:
+        TypeError: `graph` is no networkx.DiGraph.
+        ValueError: it has a cycle.
 
     Example:
         >>> import networkx as nx
@@ -125,42 +142,53 @@ def longest_chain(graph: "DiGraph") -> list[Node]:
     """
     import networkx as nx
 
+    _require_order(graph)
     return cast("list[Node]", nx.dag_longest_path(graph))
 
 
 def chains(graph: "DiGraph") -> list[list[Node]]:
-    """The fewest chains that hold every node once; as many as the largest antichain has nodes (Dilworth).
+    """The fewest chains that hold every node once.
+
+    By Dilworth's theorem there are as many of them as the largest antichain has nodes.
 
     Args:
-        graph: an order, as `dominance` returns it.
+        graph: an order, as `dominance` returns it: transitively closed.
 
     Returns:
-        Chains from the simplest on, in the order of their first nodes in the graph.
+        Chains, each from the simplest node on, in the order of their first nodes in the graph.
+
+    Raises:
+        TypeError: `graph` is no networkx.DiGraph.
+        ValueError: it has a cycle.
 
     Example:
         >>> import networkx as nx
         >>> chains(nx.DiGraph([("a", "b"), ("b", "c"), ("a", "c"), ("a", "d")]))
         [['a', 'b', 'c'], ['d']]
     """
-    nodes = list(graph)
     after, _ = _matched(graph)
-    found = []
+    nodes = list(graph)
+    cover = []
     for start in sorted(set(range(len(nodes))) - set(after.values())):
         chain = [start]
         while chain[-1] in after:
             chain.append(after[chain[-1]])
-        found.append([nodes[i] for i in chain])
-    return found
+        cover.append([nodes[i] for i in chain])
+    return cover
 
 
 def largest_antichain(graph: "DiGraph") -> list[Node]:
-    """The most nodes of which no two can be compared.
+    """The largest set of nodes of which no two can be compared.
 
     Args:
-        graph: an order, as `dominance` returns it.
+        graph: an order, as `dominance` returns it: transitively closed.
 
     Returns:
         The nodes in the order of the graph; one such antichain where there are several.
+
+    Raises:
+        TypeError: `graph` is no networkx.DiGraph.
+        ValueError: it has a cycle.
 
     Example:
         >>> import networkx as nx
@@ -173,68 +201,45 @@ def largest_antichain(graph: "DiGraph") -> list[Node]:
 
 
 def incomparable_pairs(graph: "DiGraph") -> list[tuple[Node, Node]]:
-    """Pairs of nodes of which neither is simpler: one indicator says so of the one, another of the other.
+    """Pairs of nodes of which neither is simpler: one indicator is larger for the one, another for the other.
 
     Args:
-        graph: an order, as `dominance` returns it.
+        graph: an order, as `dominance` returns it: transitively closed.
 
     Returns:
         Every pair once, in the order of the graph.
+
+    Raises:
+        TypeError: `graph` is no networkx.DiGraph.
+        ValueError: it has a cycle.
 
     Example:
         >>> import networkx as nx
         >>> incomparable_pairs(nx.DiGraph([("a", "b"), ("a", "c")]))
         [('b', 'c')]
     """
+    _require_order(graph)
     return [(a, b) for a, b in combinations(graph, 2) if not graph.has_edge(a, b) and not graph.has_edge(b, a)]
 
 
-def kendall_tau(profiles: Sequence[ComplexityProfile]) -> Tensor:
-    """Agreement of a given order of shapes with that of their complexity, at each scale.
+def _require_order(graph: "DiGraph") -> None:
+    """Raise unless it is a directed graph without a cycle."""
+    import networkx as nx
 
-    Of all pairs, the share in which the later shape is not the simpler one less the share in which it is: Kendall's
-    tau, except that two equal values count as agreement. Equal are values whose intervals overlap, each value give or
-    take twice the certified relative error of its field.
-
-    Args:
-        profiles: two or more, in the order in which the complexity is expected to grow, each of one shape that is not
-            empty, all of one estimator and on the same scales.
-
-    Returns:
-        (L,) float64 in [-1, 1], one for each of the profiles' scales; 1 if no pair contradicts the order.
-
-    Raises:
-        TypeError: an entry is no `ComplexityProfile`.
-        ValueError: fewer than two profiles, one of several shapes or of an empty one, or scales that differ.
-
-    Source: the modified Kendall tau of Arslan and Tari (2020).
-
-    Example:
-        >>> from torchlinf import complexity_profile, shapes
-        >>> masks = shapes.square(20), shapes.disc(20), shapes.disc(10)
-        >>> kendall_tau([complexity_profile(mask, scales=[0.5, 1.0], spatial_ndim=2) for mask in masks])
-        tensor([0.3333, 1.0000], dtype=torch.float64)
-    """
-    for i, profile in enumerate(profiles):
-        require_one_shape(i, profile)
-    if len(profiles) < 2:
-        raise ValueError(f"profiles must be two or more; got {len(profiles)}. An order is one of pairs.")
-    if any(profile.scales.tolist() != profiles[0].scales.tolist() for profile in profiles):
-        raise ValueError("profiles must be on the same scales; got several grids. Pass the same scales= for each.")
-    values = torch.stack([profile.values.flatten().cpu() for profile in profiles]).double()  # (N, L)
-    slack = torch.from_numpy(slack_of(profiles))[:, None]
-    first, later = torch.triu_indices(len(values), len(values), offset=1)
-    simpler = values[later] + slack[later] < values[first] - slack[first]  # (pairs, L)
-    return 1 - 2 * simpler.double().mean(dim=0)
+    if not isinstance(graph, nx.DiGraph):
+        raise TypeError(f"graph must be a networkx.DiGraph; got {type(graph).__name__}. Pass dominance(profiles).")
+    if not nx.is_directed_acyclic_graph(graph):
+        raise ValueError("graph must be an order; got a graph with a cycle. Pass dominance(profiles).")
 
 
 def _matched(graph: "DiGraph") -> tuple[dict[int, int], set[int]]:
-    """The most edges no two of which start, or end, at one node: {start: end} by number, and a smallest cover.
+    """A largest set of edges of which no two start, or end, at one node, {start: end} by number; and a smallest cover.
 
     Node i stands on the left as i, where edges start, and on the right as i + n, where they end.
     """
     import networkx as nx
 
+    _require_order(graph)
     number = {node: i for i, node in enumerate(graph)}
     left, n = range(len(number)), len(number)
     pairs = nx.Graph()

@@ -1,7 +1,13 @@
-"""Figures of masks, their level lines, and their complexity against scale. Needs the extra `plot` (matplotlib)."""
+"""Figures of shapes, their level lines, their complexity against scale, their orders, and decision regions.
 
-from torchlinf.plot.overviews import hasse, overview, shapes
-from torchlinf.plot.panels import COLOURS
-from torchlinf.plot.single import complexity_map, decision_regions, levels, profile
+Each function draws what is computed already, where it is given, and solves nothing twice. They need the extra `plot`
+(matplotlib).
+"""
+
+from torchlinf.plot.comparison_figures import overview, shapes
+from torchlinf.plot.drawing import COLOURS
+from torchlinf.plot.hasse_figure import hasse
+from torchlinf.plot.region_figure import decision_regions
+from torchlinf.plot.shape_figures import complexity_map, levels, profile
 
 __all__ = ["COLOURS", "complexity_map", "decision_regions", "hasse", "levels", "overview", "profile", "shapes"]

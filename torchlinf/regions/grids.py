@@ -20,8 +20,8 @@ Bounds = Sequence[tuple[float, float]]
 class Plane:
     """A plane through three data points, with coordinates in the unit of the input space.
 
-    The first axis runs along the longest side of the triangle, the second is perpendicular to it, towards the third
-    point. So the order of the points matters for nothing but which end of that side is called 0.
+    The first axis runs along the longest side of the triangle. The second is perpendicular to it, towards the third
+    point. So the order of the points only decides which end of that side is the origin.
 
     Attributes:
         origin: (*features) float64, the point with the coordinates (0, 0).
@@ -41,7 +41,15 @@ class Plane:
 
     @classmethod
     def through(cls, points: Tensor | ArrayLike) -> "Plane":
-        """The plane of three points (3, *features); ValueError if they lie on one line."""
+        """The plane of three points.
+
+        Args:
+            points: (3, *features), finite.
+
+        Raises:
+            TypeError: `points` is no array of real numbers.
+            ValueError: there are not three points, or they are on one line.
+        """
         given = as_points(points, "points")
         if len(given) != 3:
             raise ValueError(f"points must be three, (3, *features); got {tuple(given.shape)}. Pass X[:3] for example.")
@@ -63,7 +71,7 @@ class Plane:
         return cls(given[i], directions.reshape(2, *given.shape[1:]), corners)
 
     def points(self, coordinates: Tensor) -> Tensor:
-        """(P, *features) from coordinates (P, 2)."""
+        """Points of the input space, (P, *features) float64, from coordinates (P, 2) in the plane."""
         return self.origin + torch.tensordot(coordinates, self.directions, dims=1)
 
 
@@ -98,12 +106,11 @@ class Grid:
         return cls(tuple(_axis(*end, number) for end, number in zip(ends, numbers, strict=True)))
 
     @classmethod
-    def around(cls, plane: Plane, resolution: int, margin: float) -> "Grid":
+    def around(cls, plane: Plane, resolution: int, relative_margin: float) -> "Grid":
         """A square grid around the three points of a plane, so that a step is of the same length along both axes."""
-        if isinstance(margin, bool) or not isinstance(margin, Real) or not 0 <= margin < math.inf:
-            raise ValueError(f"margin must be a finite number of 0 or more; got {margin!r}. Pass for example 0.25.")
+        relative_margin = _not_negative(relative_margin, "relative_margin", "0.25")
         low, high = plane.corners.amin(dim=0), plane.corners.amax(dim=0)
-        reach = (high[0] - low[0]) * (0.5 + float(margin))
+        reach = (high[0] - low[0]) * (0.5 + relative_margin)
         ends = [(float(centre - reach), float(centre + reach)) for centre in (low + high) / 2]
         return cls(tuple(_axis(*end, resolution) for end in ends), plane)
 
@@ -145,14 +152,17 @@ def bounds_around(X: Tensor | ArrayLike, *, eps: float = 1.0) -> list[tuple[floa
             f"X must be (samples, features) with 1 sample or more and 1 to {MAX_SPATIAL_NDIM} features; got "
             f"{tuple(given.shape)}. Choose features, or use decision_plane for more."
         )
-    if isinstance(eps, bool) or not isinstance(eps, Real) or not 0 <= eps < math.inf:
-        raise ValueError(f"eps must be a finite number of 0 or more; got {eps!r}. Pass for example 1.0.")
+    eps = _not_negative(eps, "eps", "1.0")
     return list(zip((given.amin(dim=0) - eps).tolist(), (given.amax(dim=0) + eps).tolist(), strict=True))
 
 
 def as_points(points: Tensor | ArrayLike, name: str) -> Tensor:
     """Data points as float64 (N, *features) on the CPU, finite."""
-    given = torch.as_tensor(points).detach().cpu()
+    try:
+        given = torch.as_tensor(points).detach().cpu()
+    except (TypeError, ValueError, RuntimeError) as error:
+        got = type(points).__name__
+        raise TypeError(f"{name} must be an array of numbers; got {got}. Pass a tensor (N, *features).") from error
     if given.is_complex():
         raise TypeError(f"{name} must be real; got {given.dtype}. Pass {name}.real.")
     if given.ndim < 2:
@@ -187,7 +197,7 @@ def _longest_first(points: Tensor) -> tuple[int, int, int]:
 def _check_bounds(bounds: Bounds) -> list[tuple[float, float]]:
     try:
         ends = [tuple(float(end) for end in pair) for pair in bounds]
-    except TypeError:
+    except (TypeError, ValueError):
         raise TypeError(
             f"bounds must be one (low, high) for each feature; got {bounds!r}. "
             "Pass bounds_around(X), or [(-1.0, 1.0)] * 2, say."
@@ -203,6 +213,14 @@ def _check_bounds(bounds: Bounds) -> list[tuple[float, float]]:
                 f"bounds must be finite pairs with low < high; got {pair}. Pass [(-1.0, 1.0)] * {len(ends)}, say."
             )
     return [(low, high) for low, high in ends]
+
+
+def _not_negative(value: float, name: str, example: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a finite number of 0 or more; got {value!r}. Pass for example {example}.")
+    if not 0 <= value < math.inf:
+        raise ValueError(f"{name} must be a finite number of 0 or more; got {value!r}. Pass for example {example}.")
+    return float(value)
 
 
 def _axis(low: float, high: float, resolution: int) -> Tensor:

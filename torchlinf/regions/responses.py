@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import torch
@@ -18,6 +18,15 @@ from torchlinf.regions.grids import Grid
 RESPONSES = ("auto", "decision_function", "predict_proba", "predict")  # in the order in which "auto" looks for them
 CHUNK_POINTS = 1 << 14  # points asked for at a time, unless they have very many features:
 CHUNK_NUMBERS = 1 << 22  # features of all points of a chunk, 32 MiB
+
+
+class ResponseOptions(TypedDict):
+    """How the responses of a classifier are asked for and become classes; arguments of all entry points."""
+
+    response_method: str
+    threshold: float | None
+    classes: Sequence[Any] | None
+    chunk_size: int | None
 
 
 @dataclass(frozen=True)
@@ -57,17 +66,27 @@ def class_masks(
     if threshold is not None and (isinstance(threshold, bool) or not isinstance(threshold, Real)):
         raise TypeError(f"threshold must be a number or None; got {threshold!r}. Pass for example 0.5.")
     responder = _responder(classifier, response_method)
-    names = responder.classes if classes is None else tuple(classes)
+    names = responder.classes if classes is None else _names(classes)
     with _evaluating(classifier):
         parts = [
             _reduce(response, names, threshold, responder) for response in _in_chunks(responder.ask, grid, chunk_size)
         ]
-    found = np.concatenate(parts)
-    if found.ndim == 1:
-        masks, names = _split(found, names)
+    answers = np.concatenate(parts)
+    if answers.ndim == 1:
+        masks, names = _split(answers, names)
     else:
-        masks, names = found.T, names or tuple(range(found.shape[1]))
+        masks, names = answers.T, names or tuple(range(answers.shape[1]))
     return torch.from_numpy(np.ascontiguousarray(masks)).reshape(len(names), *grid.shape), names
+
+
+def _names(classes: Sequence[Any]) -> tuple[Any, ...]:
+    """The names of the classes, each once."""
+    if isinstance(classes, str) or not hasattr(classes, "__iter__"):
+        raise TypeError(f"classes must be a sequence of names; got {classes!r}. Pass for example ['cat', 'dog'].")
+    names = tuple(classes)
+    if len(set(names)) < len(names):
+        raise ValueError(f"classes must differ from each other; got {list(names)}. Name each class once.")
+    return names
 
 
 def _responder(classifier: Any, response_method: str) -> Responder:
@@ -139,16 +158,16 @@ def _in_chunks(ask: Callable[[Tensor], Any], grid: Grid, chunk_size: int | None)
 def _checked(response: Any, points: Tensor) -> NDArray[Any]:
     if isinstance(response, Tensor):
         response = (response.float() if response.dtype == torch.bfloat16 else response).numpy(force=True)
-    found = np.asarray(response)
-    if found.ndim == 2 and found.shape[1] == 1:
-        found = found[:, 0]
-    if found.ndim not in (1, 2) or len(found) != len(points) or 0 in found.shape:
+    answers = np.asarray(response)
+    if answers.ndim == 2 and answers.shape[1] == 1:
+        answers = answers[:, 0]
+    if answers.ndim not in (1, 2) or len(answers) != len(points) or 0 in answers.shape:
         raise ValueError(
             f"classifier must answer ({len(points)},) or ({len(points)}, classes) for {len(points)} points; got "
-            f"{type(response).__name__} of shape {found.shape}. Pass a function that selects and reshapes its output."
+            f"{type(response).__name__} of shape {answers.shape}. Pass a function that selects and reshapes its output."
         )
-    if found.dtype.kind == "f":
-        bad = np.isnan(found).reshape(len(found), -1).any(axis=1)
+    if answers.dtype.kind == "f":
+        bad = np.isnan(answers).reshape(len(answers), -1).any(axis=1)
         if bad.any():
             where = ", ".join(f"{x:.4g}" for x in points[int(bad.argmax())].flatten()[:4].tolist())
             raise ValueError(
@@ -156,7 +175,7 @@ def _checked(response: Any, points: Tensor) -> NDArray[Any]:
                 f"({where}{', ...' if points[0].numel() > 4 else ''}). Train it anew, or choose bounds within which it "
                 "is defined."
             )
-    return found
+    return answers
 
 
 def _reduce(

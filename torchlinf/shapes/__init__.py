@@ -1,8 +1,9 @@
 """Shapes of the paper as boolean tensors `(*spatial)`, True inside.
 
-They carry no batch dimensions: pass `spatial_ndim=2` (or 1, 3) beside them, or `torch.stack` several of one size. All
-are deterministic (noise by its generator), on the CPU, and hold no more than their bounding box unless a `margin` of
-outside pixels is asked for; the library counts everything beyond the array as outside anyway.
+They have no batch dimensions: pass `spatial_ndim=2` (or 1, 3) beside them, or `torch.stack` several of one size. All
+are on the CPU. The same arguments give the same shape; noise has a `seed`. A shape fills its bounding box, unless a
+`margin` of outside pixels is asked for. The library counts everything beyond the array as outside, so a margin
+changes no result.
 """
 
 from torchlinf.shapes.appendages import FACES, Appendage, cube_with_appendages, with_appendages

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchlinf._checks import choice, count
-from torchlinf.shapes._margin import from_zero, with_margin
+from torchlinf._checks import choice, count, integer
+from torchlinf.shapes._margin import with_margin
 
 # Each face as its axis, counted from the last as in (depth, height, width), and whether it is the far end of that axis.
 FACES = {
@@ -30,6 +30,12 @@ class Appendage:
         depth: how far it reaches away from the face in pixels, 1 or more.
         offset: pixels between the low end of the face and the appendage, in every direction of the face; 0 is flush
             with the low corner, side - width with the high one. None centres it, rounded down.
+
+    The arguments are checked where a shape is made of it, as by `with_appendages`.
+
+    Example:
+        >>> Appendage("right", width=2, depth=3)
+        Appendage(face='right', width=2, depth=3, offset=None)
     """
 
     face: str
@@ -41,8 +47,8 @@ class Appendage:
 def with_appendages(sides: Sequence[int], appendages: Sequence[Appendage], *, margin: int = 0) -> Tensor:
     """Box with smaller boxes attached to its faces.
 
-    On a square body of side W an appendage of width w adds complexity at scales up to w/W and none above, wherever on
-    the face it is.
+    On a square body of side W an appendage of width w adds complexity at scales up to w/W and none above, wherever it
+    is on the face.
 
     Args:
         sides: 1 to 3 sides of the body in pixels, each 1 or more.
@@ -53,8 +59,9 @@ def with_appendages(sides: Sequence[int], appendages: Sequence[Appendage], *, ma
         bool tensor, the bounding box of the whole plus the margin.
 
     Raises:
-        TypeError, ValueError: an argument of the wrong type, a face that the body has not, an appendage that leaves its
-            face, or a size too small.
+        TypeError: an argument is of the wrong type.
+        ValueError: there are no sides or more than 3, a size is too small, the body does not have a face, or an
+            appendage leaves its face.
 
     Example:
         >>> with_appendages((3, 3), [Appendage("right", width=1, depth=2), Appendage("top", 2, 1, offset=0)]).int()
@@ -63,6 +70,14 @@ def with_appendages(sides: Sequence[int], appendages: Sequence[Appendage], *, ma
                 [1, 1, 1, 1, 1],
                 [1, 1, 1, 0, 0]], dtype=torch.int32)
     """
+    if not isinstance(sides, Sequence):
+        raise TypeError(f"sides must be 1 to 3 numbers; got {sides!r}. Pass for example (128, 128).")
+    for appendage in appendages:
+        if not isinstance(appendage, Appendage):
+            raise TypeError(
+                f"appendages must hold Appendage objects; got {appendage!r}. "
+                'Pass for example [Appendage("right", width=32, depth=48)].'
+            )
     if not 1 <= len(sides) <= 3:
         raise ValueError(f"sides must be 1 to 3 numbers; got {len(sides)}. Pass one side for each dimension.")
     boxes = [[(0, count(side, "side")) for side in sides]] + [_place(appendage, sides) for appendage in appendages]
@@ -87,12 +102,15 @@ def cube_with_appendages(side: int, appendage_side: int, faces: Sequence[str], *
         bool tensor (depth, height, width), the bounding box of the whole plus the margin.
 
     Raises:
-        TypeError, ValueError: an argument of the wrong type, an unknown or repeated face, or a size out of range.
+        TypeError: an argument is of the wrong type.
+        ValueError: a face is unknown or repeated, or a size is out of range.
 
     Example:
         >>> cube_with_appendages(8, 2, ["left", "right", "top"]).shape
         torch.Size([8, 10, 12])
     """
+    if isinstance(faces, str) or not isinstance(faces, Sequence):
+        raise TypeError(f'faces must be a sequence of names; got {faces!r}. Pass for example ["left", "top"].')
     if len(set(faces)) < len(faces):
         raise ValueError(f"faces must differ from each other; got {list(faces)}. Name each face once.")
     appendages = [Appendage(face, width=appendage_side, depth=appendage_side) for face in faces]
@@ -113,7 +131,7 @@ def _along_face(appendage: Appendage, side: int) -> tuple[int, int]:
     width = count(appendage.width, "width")
     start = (side - width) // 2
     if appendage.offset is not None:
-        start = from_zero(appendage.offset, "offset")
+        start = integer(appendage.offset, "offset", 0)
     if not 0 <= start <= side - width:
         raise ValueError(
             f"width and offset must keep the appendage on its face of side {side}; got width={width}, "

@@ -2,20 +2,21 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
+from numbers import Integral
 
 import torch
 from torch import Tensor
 
-from torchlinf._checks import count
-from torchlinf.shapes._margin import from_zero, with_margin
+from torchlinf._checks import count, integer
+from torchlinf.shapes._margin import with_margin
 
 
 def band(points: Sequence[Sequence[int]], width: int, *, margin: int = 0) -> Tensor:
     """Band of constant width: what a square (or cube) covers on its way along a line with corners.
 
-    No ridge of the distance ends below the top, so the field depends on the distance alone and the complexity is
-    exactly 0. That ends where the band runs over itself or next to itself, and where it turns from one diagonal to
-    another.
+    The complexity is exactly 0: no ridge of the distance ends below its maximum, so the field depends on the distance
+    alone. This does not hold where the band runs over itself or next to itself, nor where it turns from one diagonal
+    to another.
 
     Args:
         points: the corners of the line in pixels, in the order of the tensor's dimensions (row, column); 1 or more,
@@ -25,11 +26,12 @@ def band(points: Sequence[Sequence[int]], width: int, *, margin: int = 0) -> Ten
         margin: outside pixels on every side, 0 or more.
 
     Returns:
-        bool tensor, the bounding box of the band plus the margin. Where the line lies does not matter, only its form.
+        bool tensor, the bounding box of the band plus the margin. A line that is moved as a whole gives the same band.
 
     Raises:
-        TypeError, ValueError: an argument is no integer or too small; there are no points, or points of different
-            dimensions; or a step runs in another direction.
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument is too small; there are no points, or points of different dimensions; or a step runs in
+            another direction.
 
     Example:
         >>> band([(0, 0), (3, 0), (3, 2)], width=2).int()
@@ -53,15 +55,16 @@ def diagonal_pair(side: int, shift: int, *, margin: int = 0) -> Tensor:
 
     Args:
         side: side of each square in pixels, 1 or more.
-        shift: how far the second is moved in either direction, from 0 (one square) over half of the side (overlapping
-            in a quarter) to `side` (touching in a corner).
+        shift: how far the second is moved in either direction, from 0 (one square) over side / 2 (a quarter of each
+            square overlaps) to `side` (the squares touch in a corner).
         margin: outside pixels on every side, 0 or more.
 
     Returns:
         bool tensor of side `side` + `shift` + 2 margin.
 
     Raises:
-        TypeError, ValueError: an argument is no integer or out of range.
+        TypeError: an argument is no integer.
+        ValueError: an argument is out of range.
 
     Example:
         >>> diagonal_pair(2, 1).int()
@@ -69,7 +72,7 @@ def diagonal_pair(side: int, shift: int, *, margin: int = 0) -> Tensor:
                 [1, 1, 1],
                 [0, 1, 1]], dtype=torch.int32)
     """
-    side, shift = count(side, "side"), from_zero(shift, "shift")
+    side, shift = count(side, "side"), integer(shift, "shift", 0)
     if shift > side:
         raise ValueError(f"shift must be from 0 to side={side}; got {shift}. Pass side for squares that touch.")
     whole = torch.zeros(side + shift, side + shift, dtype=torch.bool)
@@ -79,6 +82,8 @@ def diagonal_pair(side: int, shift: int, *, margin: int = 0) -> Tensor:
 
 def _starts(points: Sequence[Sequence[int]]) -> Tensor:
     """Where the square stands at every step of the line: (steps, ndim)."""
+    if not isinstance(points, Sequence) or not all(isinstance(point, Sequence) for point in points):
+        raise TypeError(f"points must be a sequence of corners; got {points!r}. Pass for example [(0, 0), (30, 0)].")
     if not points or not 1 <= len(points[0]) <= 4 or any(len(point) != len(points[0]) for point in points):
         raise ValueError(
             f"points must be 1 or more, of the same 1 to 4 coordinates; got {list(points)}. "
@@ -98,6 +103,6 @@ def _starts(points: Sequence[Sequence[int]]) -> Tensor:
 
 
 def _coordinate(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
+    if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"points must be integers; got {value!r}. Round them to whole pixels.")
-    return value
+    return int(value)

@@ -20,7 +20,8 @@ def square(side: int, *, margin: int = 0) -> Tensor:
         bool tensor (side + 2 margin, side + 2 margin).
 
     Raises:
-        TypeError, ValueError: an argument is no integer, or too small.
+        TypeError: an argument is no integer.
+        ValueError: an argument is too small.
 
     Example:
         >>> square(2, margin=1).int()
@@ -43,7 +44,8 @@ def box(*sides: int, margin: int = 0) -> Tensor:
         bool tensor of the sides plus 2 margin each.
 
     Raises:
-        TypeError, ValueError: an argument is no integer or too small, or there are no sides or more than 4.
+        TypeError: an argument is no integer.
+        ValueError: an argument is too small, or there are no sides or more than 4.
 
     Example:
         >>> box(2, 3).shape, box(5, margin=1).int()
@@ -66,7 +68,8 @@ def rectangle(height: int, width: int, *, margin: int = 0) -> Tensor:
         bool tensor (height + 2 margin, width + 2 margin).
 
     Raises:
-        TypeError, ValueError: an argument is no integer, or too small.
+        TypeError: an argument is no integer.
+        ValueError: an argument is too small.
 
     Example:
         >>> rectangle(1, 3, margin=1).int()
@@ -88,7 +91,8 @@ def disc(radius: float, *, margin: int = 0) -> Tensor:
         bool tensor of side 2 floor(radius) + 1 + 2 margin.
 
     Raises:
-        TypeError, ValueError: an argument is no number, not finite or too small.
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument is not finite, or too small.
 
     Example:
         >>> disc(2).int()
@@ -116,7 +120,8 @@ def superellipse(radius: float, exponent: float, *, margin: int = 0) -> Tensor:
         bool tensor of side 2 floor(radius) + 1 + 2 margin.
 
     Raises:
-        TypeError, ValueError: an argument is no number, not finite or too small.
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument is not finite, or too small.
 
     Example:
         >>> superellipse(2, 1).int()

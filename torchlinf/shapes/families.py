@@ -1,11 +1,10 @@
-"""The families of shapes that the paper compares, by name, each in the order in which its numbers are read."""
+"""Families of shapes that the paper compares, as mappings of names to shapes, in the paper's order."""
 
 from collections.abc import Sequence
 
 from torch import Tensor
 
-from torchlinf._checks import count
-from torchlinf.shapes._margin import from_zero
+from torchlinf._checks import count, integer
 from torchlinf.shapes.appendages import Appendage, cube_with_appendages, with_appendages
 from torchlinf.shapes.bands import band, diagonal_pair
 from torchlinf.shapes.basic import rectangle, square
@@ -18,7 +17,7 @@ ADJACENT = ("left", "top", "front", "right", "bottom", "back")
 
 
 def nested_appendages(side: int = 128, depth: int = 48, *, margin: int = 0) -> dict[str, Tensor]:
-    """S0 to S3: a square, then with an ever narrower appendage more.
+    """S0 to S3: a square with none to three appendages, each narrower than the one before.
 
     Their widths are 3/4 of the side on the right (S1), 1/2 on top (S2) and 1/4 on the left (S3). So S1, S2 and S3 are
     equal at scales above 1/2, S2 and S3 above 1/4, and all are zero above 3/4.
@@ -32,7 +31,8 @@ def nested_appendages(side: int = 128, depth: int = 48, *, margin: int = 0) -> d
         Four bool tensors, each of its own size.
 
     Raises:
-        TypeError, ValueError: an argument is no integer, too small, or `side` no multiple of 4.
+        TypeError: an argument is no integer.
+        ValueError: an argument is too small, or `side` is not a multiple of 4.
 
     Example:
         >>> {name: tuple(shape.shape) for name, shape in nested_appendages(16, 6).items()}
@@ -55,7 +55,8 @@ def appendage_places(side: int = 128, depth: int = 32, *, margin: int = 0) -> di
         Five bool tensors, each of its own size. All are zero at scales above 1/4.
 
     Raises:
-        TypeError, ValueError: an argument is no integer, too small, or `side` no multiple of 4.
+        TypeError: an argument is no integer.
+        ValueError: an argument is too small, or `side` is not a multiple of 4.
 
     Example:
         >>> list(appendage_places(16, 4))
@@ -101,13 +102,17 @@ def appendage_dictionary(
         their sides or flush with a corner. The widths vary slowest, then the numbers.
 
     Raises:
-        TypeError, ValueError: an argument is no integer or out of range.
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument is out of range.
 
     Example:
         >>> list(appendage_dictionary(16, 4, numbers=(1, 4), widths=(4,)))
         ['1 x 4 centred', '1 x 4 flush', '4 x 4 centred', '4 x 4 flush']
     """
-    if any(from_zero(number, "numbers") > len(SIDES) for number in numbers):
+    for name, values in (("numbers", numbers), ("widths", widths)):
+        if not isinstance(values, Sequence):
+            raise TypeError(f"{name} must be a sequence of integers; got {values!r}. Pass for example ({values!r},).")
+    if any(integer(number, "numbers", 0) > len(SIDES) for number in numbers):
         raise ValueError(f"numbers must be integers from 0 to 4; got {list(numbers)}. Pass at most one for each side.")
     return {
         f"{number} x {width} {position}": with_appendages(
@@ -120,7 +125,7 @@ def appendage_dictionary(
 
 
 def cube_family(side: int = 64, appendage_side: int = 16, *, margin: int = 0) -> dict[str, Tensor]:
-    """A cube, and with cubes on one to six of its faces: the ten choices of faces that no rotation makes equal.
+    """A cube without and with smaller cubes on one to six of its faces: ten choices of faces, no two equal by rotation.
 
     Two, three and four faces can be chosen in two ways: opposite ones preferred, or adjacent ones.
 
@@ -133,7 +138,8 @@ def cube_family(side: int = 64, appendage_side: int = 16, *, margin: int = 0) ->
         Ten bool tensors (depth, height, width), each of its own size.
 
     Raises:
-        TypeError, ValueError: an argument is no integer or out of range.
+        TypeError: an argument is no integer.
+        ValueError: an argument is out of range.
 
     Example:
         >>> list(cube_family(8, 2))
@@ -147,7 +153,7 @@ def cube_family(side: int = 64, appendage_side: int = 16, *, margin: int = 0) ->
 
 
 def zero_complexity(side: int = 32, *, margin: int = 0) -> dict[str, Tensor]:
-    """Shapes whose complexity is exactly 0 at every scale: a square, and seven that are none.
+    """Shapes whose complexity is exactly 0 at every scale: a square, and seven others.
 
     Args:
         side: side of the square, and width of the bands, in pixels, 1 or more.
@@ -157,7 +163,8 @@ def zero_complexity(side: int = 32, *, margin: int = 0) -> dict[str, Tensor]:
         Eight bool tensors, each of its own size.
 
     Raises:
-        TypeError, ValueError: an argument is no integer or too small.
+        TypeError: an argument is no integer.
+        ValueError: an argument is too small.
 
     Example:
         >>> list(zero_complexity(4))

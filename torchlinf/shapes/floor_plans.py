@@ -1,10 +1,12 @@
 """Line-drawn floor plans: rooms, the walls between them, apertures in the walls, and an obstacle."""
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
-from torchlinf._checks import count
-from torchlinf.shapes._margin import from_zero, with_margin
+from torchlinf._checks import count, integer
+from torchlinf.shapes._margin import with_margin
 
 # Aperture in pixels, and sides of the obstacle, of the plans P0 to P4 with rooms of side 128.
 PLANS = ((0, (0, 0)), (32, (0, 0)), (32, (32, 4)), (80, (0, 0)), (80, (32, 4)))
@@ -29,7 +31,8 @@ def floor_plan(number: int, *, margin: int = 0) -> Tensor:
         bool tensor (260 + 2 margin, 260 + 2 margin), True where one can stand; its radius D is 64.
 
     Raises:
-        TypeError, ValueError: an argument is no integer, or out of range.
+        TypeError: an argument is no integer.
+        ValueError: an argument is out of range.
 
     Source: Arslan and Tari (2020), whose sizes these are; how their rooms lie to each other, where the obstacle stands,
     and how thick the walls are is not in the text.
@@ -38,7 +41,7 @@ def floor_plan(number: int, *, margin: int = 0) -> Tensor:
         >>> floor_plan(3, margin=2).shape
         torch.Size([264, 264])
     """
-    if from_zero(number, "number") >= len(PLANS):
+    if integer(number, "number", 0) >= len(PLANS):
         raise ValueError(f"number must be from 0 to {len(PLANS) - 1}; got {number}. Pass 0 for the closed rooms.")
     aperture, obstacle = PLANS[number]
     return rooms(2, 2, aperture=aperture, obstacle=obstacle, margin=margin)
@@ -56,7 +59,7 @@ def rooms(
 ) -> Tensor:
     """Square rooms in rows and columns, an aperture in the middle of every wall between two of them.
 
-    An aperture shows at scales up to aperture / side and at none above, like an appendage: it is a joint.
+    An aperture adds complexity at scales up to aperture / side and at none above, like an appendage of that width.
 
     Args:
         rows: number of rooms from top to bottom, 1 or more.
@@ -72,7 +75,8 @@ def rooms(
         bool tensor, the bounding box of the rooms plus the margin.
 
     Raises:
-        TypeError, ValueError: an argument is no integer, or out of range.
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument is out of range.
 
     Example:
         >>> rooms(1, 2, side=4, wall=1, aperture=2).int()
@@ -82,8 +86,10 @@ def rooms(
                 [1, 1, 1, 1, 0, 1, 1, 1, 1]], dtype=torch.int32)
     """
     side, wall = count(side, "side"), count(wall, "wall")
+    if not isinstance(obstacle, Sequence) or len(obstacle) != 2:
+        raise TypeError(f"obstacle must be a pair (height, width); got {obstacle!r}. Pass (0, 0) for none.")
     for name, length in (("aperture", aperture), ("obstacle", obstacle[0]), ("obstacle", obstacle[1])):
-        if from_zero(length, name) > side:
+        if integer(length, name, 0) > side:
             raise ValueError(f"{name} must fit into a room of side {side}; got {length}. Pass {side} or less.")
     numbers = count(rows, "rows"), count(columns, "columns")
     row, column = (torch.arange(n * (side + wall) - wall) % (side + wall) for n in numbers)  # counted in each room

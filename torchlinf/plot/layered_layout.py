@@ -1,7 +1,9 @@
 """Where the nodes of a Hasse diagram go: in ranks from below, so that few lines cross and most run straight.
 
 It is the layout of layered graphs in four steps (Sugiyama, Tagawa and Toda, 1981): ranks, bends, an order within each
-rank, and places. networkx has no layout that orders the nodes of a rank.
+rank, and places. `networkx.multipartite_layout` has ranks alone: it does not arrange the nodes within a rank, and its
+straight lines run through shapes on the ranks between, as if they led to them. On random orders of 12 shapes it has
+more than three times as many crossings as this layout (tests/test_layered_layout.py).
 """
 
 from collections.abc import Hashable, Mapping
@@ -55,8 +57,8 @@ def layers(graph: "DiGraph", widths: Mapping[Hashable, float], gap: float) -> La
         The layout. The same graph gives the same layout.
 
     >>> import networkx as nx
-    >>> found = layers(nx.DiGraph([("a", "b"), ("a", "c")]), dict.fromkeys("abc", 1.0), gap=0.5)
-    >>> found.ranks, found.x
+    >>> layout = layers(nx.DiGraph([("a", "b"), ("a", "c")]), dict.fromkeys("abc", 1.0), gap=0.5)
+    >>> layout.ranks, layout.x
     ([['a'], ['b', 'c']], {'a': 1.25, 'b': 0.5, 'c': 2.0})
     """
     ranks, steps = _with_bends(graph)
@@ -71,13 +73,13 @@ def crossings(ranks: list[list[Hashable]], steps: "Graph") -> int:
     >>> crossings([["a", "b"], ["c", "d"]], nx.Graph([("a", "d"), ("b", "c"), ("b", "d")]))
     1
     """
-    found = 0
+    crossed = 0
     for lower, upper in pairwise(ranks):
         above = {vertex: i for i, vertex in enumerate(upper)}
         ends = [(i, above[other]) for i, vertex in enumerate(lower) for other in steps[vertex] if other in above]
         left, right = np.array(ends, dtype=np.int64).reshape(-1, 2).T
-        found += int(((left[:, None] < left) & (right[:, None] > right)).sum())
-    return found
+        crossed += int(((left[:, None] < left) & (right[:, None] > right)).sum())
+    return crossed
 
 
 def _with_bends(graph: "DiGraph") -> tuple[list[list[Hashable]], "Graph"]:
@@ -103,7 +105,7 @@ def _untangled(ranks: list[list[Hashable]], steps: "Graph") -> list[list[Hashabl
         for i in range(1, len(ranks)):
             ranks[i] = _sorted(ranks[i], ranks[i - 1], steps)
         ranks = _settled(ranks[:: 1 if sweep % 2 else -1], steps)
-        best = min(best, ranks, key=lambda found: crossings(found, steps))
+        best = min(best, ranks, key=lambda order: crossings(order, steps))
     return best
 
 

@@ -1,17 +1,19 @@
-"""Parts of a Hasse diagram: shapes in ranks, names below them, lines upwards."""
+"""Figure of a partial order as a Hasse diagram: shapes in ranks, names below them, lines upwards."""
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from math import ceil, sqrt
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, Unpack, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf.order import Node, hasse_diagram
-from torchlinf.plot.layers import Bend, Layers, layers
-from torchlinf.plot.panels import COLOURS, pyplot, shorten, silhouette
+from torchlinf.measure import ComplexityProfile, LevelOptions, takes
+from torchlinf.order import WINDOWS, Node, dominance, hasse_diagram
+from torchlinf.plot.drawing import COLOURS, pyplot, require_axes, shorten
+from torchlinf.plot.layered_layout import Bend, Layers, layers
+from torchlinf.plot.solved_shape import profile_of, refuse_beside, require_masks, silhouette
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,26 +43,89 @@ class Diagram(NamedTuple):
     """A diagram before it is drawn.
 
     Attributes:
-        steps: the order without what follows from its other steps.
-        found: layout from left to right.
+        steps: the order without the edges that follow from others.
+        layout: ranks, and places from left to right.
         boxes: of each node.
         bottoms: of each rank, and of one more above the last.
         cell: height of a shape with its lines of text.
-        letters: how many fit below a shape.
+        letters: how many letters fit below a shape.
     """
 
     steps: "DiGraph"
-    found: Layers
+    layout: Layers
     boxes: dict[Node, Box]
     bottoms: list[float]
     cell: float
     letters: int
 
 
-def draw_order(ax: "Axes | None", order: "DiGraph", masks: Mapping[str, Tensor], highlight: Sequence[Node]) -> "Axes":
-    """Draw a Hasse diagram of shapes, in a figure of its own if there are no axes."""
+@takes(LevelOptions)
+def hasse(
+    masks: Mapping[str, Tensor],
+    *,
+    profiles: Mapping[str, ComplexityProfile] | None = None,
+    order: "DiGraph | None" = None,
+    windows: Mapping[str, tuple[float, float]] | None = WINDOWS,
+    every_scale: bool = False,
+    highlight: Sequence[Node] = (),
+    ax: "Axes | None" = None,
+    **options: Unpack[LevelOptions],
+) -> "Axes":
+    """Draw the Hasse diagram of a partial order of shapes: each line leads up to a shape that is more complex.
+
+    A shape is more complex than another if a path of lines leads up to it; without such a path the two cannot be
+    compared. Steps that follow from other steps are left out. Shapes that count as equal, within twice the certified
+    errors of their fields, stand together in a frame; see `torchlinf.order.dominance`.
+
+    Args:
+        masks: the shapes by name, each (H, W) or (D, H, W), values 0 or 1, not empty. Of a volume the slice through its
+            deepest voxel is drawn. Up to about twenty shapes stay readable.
+        profiles: their profiles by name, if these are computed already; then nothing is solved, and the options of the
+            measure are left out.
+        order: the order, as `torchlinf.order.dominance` returns it, if there is one already; then `profiles`,
+            `windows`, `every_scale` and the options of the measure are not used.
+        windows: the windows of scales by which shapes are compared, a mapping of names to (low, high); None means one
+            window over all scales.
+        every_scale: if True, shapes are compared at every scale instead; the means over the windows are still shown.
+        highlight: nodes to be drawn in another colour, with the lines from each to the next; a chain, for example.
+        ax: where to draw; None makes a new figure of a size that suits.
+        {measure options}
+
+    Returns:
+        The axes. Shapes are drawn with the longer side at 1, whatever their size in pixels; below are their names
+        and the means over the windows, in bits (for "std" as shares of the field's maximum).
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        TypeError: an argument is of the wrong type.
+        ValueError: there is no mask, or one is empty, not binary, or neither 2-D nor 3-D; `order`, `profiles` or
+            `highlight` has names that are not in `masks` or `order`; or a window or an option has a wrong value.
+        RuntimeError: a field could not be solved to `tol`.
+
+    Example:
+        >>> from torchlinf import plot, shapes
+        >>> ax = plot.hasse({"disc": shapes.disc(16), "square": shapes.square(32), "box": shapes.box(9, 20)})
+        >>> len(ax.images), len(ax.lines)
+        (3, 1)
+    """
+    require_masks(masks)
+    drawn = {name: silhouette(mask, f"masks[{name!r}]") for name, mask in masks.items()}
+    if order is None:
+        if profiles is None:
+            profiles = {name: profile_of(mask, options, f"masks[{name!r}]") for name, mask in masks.items()}
+        else:
+            refuse_beside(options, "profile")
+        order = dominance(profiles, windows=windows, every_scale=every_scale)
     _check_names(order, masks, highlight)
-    drawn = {name: silhouette(masks[name]) for node in order for name in node}
+    if ax is not None:
+        require_axes(ax)
+    return _draw_order(ax, order, drawn, highlight)
+
+
+def _draw_order(
+    ax: "Axes | None", order: "DiGraph", drawn: Mapping[str, NDArray[np.bool_]], highlight: Sequence[Node]
+) -> "Axes":
+    """Draw the diagram, in a figure of its own if there are no axes."""
     room = WIDTH if ax is None else ax.get_window_extent().width / ax.figure.dpi
     diagram, unit = _lay_out(hasse_diagram(order), room)
     width, height = _size(diagram)
@@ -76,11 +141,17 @@ def draw_order(ax: "Axes | None", order: "DiGraph", masks: Mapping[str, Tensor],
     ax.set(xticks=[], yticks=[], ylabel="more complex →")
     ax.spines[:].set_visible(False)
     if "windows" in order.graph:
-        ax.set_xlabel(f"below each name: mean complexity over {in_words(order.graph['windows'])}, bits", fontsize=FONT)
+        unit_of_means = order.graph.get("unit", "bits")
+        windows = in_words(order.graph["windows"].values())
+        ax.set_xlabel(f"below each name: mean complexity over {windows}, {unit_of_means}", fontsize=FONT)
     return ax
 
 
 def _check_names(order: "DiGraph", masks: Mapping[str, Tensor], highlight: Sequence[Node]) -> None:
+    import networkx as nx
+
+    if not isinstance(order, nx.DiGraph):
+        raise TypeError(f"order must be a networkx.DiGraph; got {type(order).__name__}. Pass dominance(profiles).")
     if not order:
         raise ValueError("order must hold at least one shape; got none. Pass the order of at least one mask.")
     for name in (name for node in order for name in node):
@@ -93,7 +164,7 @@ def _check_names(order: "DiGraph", masks: Mapping[str, Tensor], highlight: Seque
             )
 
 
-def in_words(windows: Sequence[tuple[float, float]]) -> str:
+def in_words(windows: Iterable[tuple[float, float]]) -> str:
     """Windows of scales as text.
 
     >>> in_words([(0.0, 0.25), (0.0, 1.0)])
@@ -106,20 +177,20 @@ def _lay_out(steps: "DiGraph", room: float) -> tuple[Diagram, float]:
     """Place the nodes; equal shapes stand side by side, more than three in a square. Also the unit in inches."""
     columns = {node: len(node) if len(node) <= 3 else ceil(sqrt(len(node))) for node in steps}
     widths: dict[Hashable, float] = {node: count * (1 + GAP) - GAP for node, count in columns.items()}
-    found = layers(steps, widths, GAP)
-    width = max(found.x[node] + widths[node] / 2 for node in steps)
+    layout = layers(steps, widths, GAP)
+    width = max(layout.x[node] + widths[node] / 2 for node in steps)
     unit = min(max(room / (width + GAP), SMALLEST), LARGEST)
     lines = 2 if any(steps.nodes[node].get("indicators") for node in steps) else 1
     cell = 1 + (TEXT * lines + 0.06) / unit
     boxes: dict[Node, Box] = {}
     bottoms = [0.0]
-    for rank in found.ranks:
+    for rank in layout.ranks:
         nodes = cast("list[Node]", [node for node in rank if not isinstance(node, Bend)])
         for node in nodes:
             height = ceil(len(node) / columns[node]) * cell
-            boxes[node] = Box(found.x[node] - widths[node] / 2, bottoms[-1], widths[node], height, columns[node])
+            boxes[node] = Box(layout.x[node] - widths[node] / 2, bottoms[-1], widths[node], height, columns[node])
         bottoms.append(bottoms[-1] + max(boxes[node].height for node in nodes) + RISE)
-    return Diagram(steps, found, boxes, bottoms, cell, int((1 + GAP) * unit / LETTER)), unit
+    return Diagram(steps, layout, boxes, bottoms, cell, int((1 + GAP) * unit / LETTER)), unit
 
 
 def _size(diagram: Diagram) -> tuple[float, float]:
@@ -130,11 +201,11 @@ def _draw_line(
     ax: "Axes", diagram: Diagram, drawn: Mapping[str, NDArray[np.bool_]], edge: tuple[Node, Node], is_lit: bool
 ) -> None:
     """From above a shape, or the frame of several, along the bends to below another."""
-    (start, end), x, bottoms = edge, diagram.found.x, diagram.bottoms
+    (start, end), x, bottoms = edge, diagram.layout.x, diagram.bottoms
     box = diagram.boxes[start]
     spare = 1 - _extent(drawn[start[0]])[1] if len(start) == 1 else 0.0
     points = [(x[start], box.bottom + box.height - spare + PAD)]
-    for i, rank in enumerate(diagram.found.ranks):
+    for i, rank in enumerate(diagram.layout.ranks):
         bend = Bend(edge, i)
         if bend in rank:
             points += [(x[bend], bottoms[i]), (x[bend], bottoms[i + 1] - RISE)]

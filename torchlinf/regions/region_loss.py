@@ -1,52 +1,58 @@
 """A loss that asks a network for simple decision regions while it trains."""
 
-from typing import Any
+from typing import Any, Unpack
 
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
 from torchlinf.losses import ShapeComplexityLoss
+from torchlinf.measure import Measure, WindowOptions, takes
 from torchlinf.regions.grids import Bounds, Grid, Plane
 
 
+@takes(WindowOptions)
 class DecisionRegionLoss(nn.Module):
     """Hard complexity of the decision regions of a network, with a gradient that moves their boundaries.
 
-    The value is that of `decision_region_complexity(model, bounds, resolution).overall(low, high)`, with the frame as
-    background. The gradient is that of `torchlinf.losses.ShapeComplexityLoss`: regions of each mask are tried as exact
-    moves. What they are worth goes to the probability that a class has against the strongest of the others, whose
-    region above 1/2 is that class's region. Add it to a data term; it does not know the data.
+    The value is that of `decision_region_complexity(model, bounds, resolution=resolution).overall(low, high)`, times
+    `weight`, with the boundary condition "background". The gradient is that of `torchlinf.losses.ShapeComplexityLoss`:
+    some regions of each mask are flipped, one at a time, and the change of the complexity is measured exactly. That
+    change goes to the probability that a class has against the strongest of the other classes, which is above 1/2 in
+    the region of that class. Add the loss to a data term; it does not know the data.
 
     Args:
-        bounds: (low, high) for each of 1 to 3 features; None if every call names three points, for a plane.
-        resolution: points along every axis. A step costs one evaluation of the model on the grid and about
-            1 + `max_moves` solves a class.
-        low: lower end of the window of scales, excluded.
-        high: upper end, included; 0 <= low < high <= 1.
+        bounds: (low, high) for each of 1 to 3 features; None if every call passes three points, for a plane.
+        resolution: points along every axis, 2 or more. A step costs one evaluation of the model on the grid and about
+            1 + `max_flips` solves a class.
         weight: factor of the loss, 0 or more.
-        keep_area: as in `ShapeComplexityLoss`; recommended for networks, and the default here.
-        max_moves: moves tried per class and step at most.
-        margin: of a plane, as in `decision_plane`.
+        keep_area: if True, the loss neither gains nor loses when all logits of a class rise or fall together, as
+            `ShapeComplexityLoss` explains; recommended for networks.
+        max_flips: regions flipped per class and step at most, 1 or more.
+        relative_margin: by how much the grid of a plane extends the longest side of its triangle at either end, as a
+            share of that side, 0 or more. Only used with points.
+        {measure options}
 
     Shape:
         - model: from (P, features), or (P, *features) for planes, to logits or log-probabilities (P, C), or to logits
           of class 1, (P,) or (P, 1). It is called as it is, in whatever mode; its first parameter says the dtype and
           device of the points.
         - points: (3, *features), of each call, such as three samples of the batch, instead of `bounds`.
-        - output: a number, differentiable once in the parameters of the model.
+        - output: a number, differentiable once in the parameters of the model. A class that is nowhere on the grid has
+          no weight in it and gets no gradient; a class that is everywhere has 0.
 
     Raises:
         TypeError: an argument is of the wrong type.
         ValueError: an argument has a wrong value, there are both bounds and points or neither, or the model answers in
             another shape, or not finite.
+        RuntimeError: a field could not be solved to `tol`.
 
     Source: docs/regions and docs/regulariser.
 
     Example:
         >>> _ = torch.manual_seed(0)
         >>> model = nn.Sequential(nn.Linear(2, 8), nn.Tanh(), nn.Linear(8, 3))
-        >>> loss = DecisionRegionLoss([(-3, 3), (-3, 3)], 24)(model)
+        >>> loss = DecisionRegionLoss([(-3, 3), (-3, 3)], resolution=24)(model)
         >>> loss.backward()
         >>> loss.item() > 0, bool(model[0].weight.grad.any())
         (True, True)
@@ -55,20 +61,21 @@ class DecisionRegionLoss(nn.Module):
     def __init__(
         self,
         bounds: Bounds | None = None,
-        resolution: int = 64,
         *,
-        low: float = 0.0,
-        high: float = 1.0,
+        resolution: int = 64,
         weight: float = 1.0,
         keep_area: bool = True,
-        max_moves: int = 16,
-        margin: float = 0.25,
+        max_flips: int = 16,
+        relative_margin: float = 0.25,
+        **options: Unpack[WindowOptions],
     ) -> None:
         super().__init__()
+        self.measure = Measure.of(options, WindowOptions)
+        self.measure.scalar_rho()
         self.grid = None if bounds is None else Grid.within(bounds, resolution)
-        self.resolution, self.margin = resolution, margin
+        self.resolution, self.relative_margin = resolution, relative_margin
         self.complexity = ShapeComplexityLoss(
-            low=low, high=high, weight=weight, reduction="none", keep_area=keep_area, max_flips=max_moves
+            weight=weight, reduction="none", keep_area=keep_area, max_flips=max_flips, **options
         )
         if self.grid is not None and len(self.grid.axes) > 3:
             raise ValueError(f"bounds must be of 1 to 3 features; got {len(self.grid.axes)}. Pass points, for planes.")
@@ -80,7 +87,9 @@ class DecisionRegionLoss(nn.Module):
                 "either bounds or points must be given; got both or neither. Pass loss(model) with bounds, or "
                 "DecisionRegionLoss()(model, X[:3])."
             )
-        grid = self.grid or Grid.around(Plane.through(points), self.resolution, self.margin)  # type: ignore[arg-type]
+        grid = self.grid
+        if grid is None:
+            grid = Grid.around(Plane.through(points), self.resolution, self.relative_margin)  # type: ignore[arg-type]
         number = torch.Size(grid.shape).numel()
         known = next((p for p in model.parameters() if p.is_floating_point()), torch.empty(0))
         probability = against_others(_logits(model(grid.points(0, number).to(known)), number))  # (P, C)
@@ -104,12 +113,12 @@ def against_others(logits: Tensor) -> Tensor:
 
 def _logits(answer: Tensor, number: int) -> Tensor:
     """(P, C) with 2 classes or more."""
-    found = answer[:, None] if answer.ndim == 1 else answer
-    if found.ndim != 2 or len(found) != number:
+    logits = answer[:, None] if answer.ndim == 1 else answer
+    if logits.ndim != 2 or len(logits) != number:
         raise ValueError(
             f"model must answer ({number},) or ({number}, classes) for {number} points; got {tuple(answer.shape)}. "
             "Wrap it in one that reshapes its output."
         )
-    if not bool(found.detach().isfinite().all()):
+    if not bool(logits.detach().isfinite().all()):
         raise ValueError("model must answer finite numbers; got NaN or infinity. Lower the learning rate.")
-    return torch.cat([torch.zeros_like(found), found], dim=1) if found.shape[1] == 1 else found
+    return torch.cat([torch.zeros_like(logits), logits], dim=1) if logits.shape[1] == 1 else logits

@@ -9,7 +9,7 @@ import pytest
 from problems import random_order
 
 from torchlinf.order import hasse_diagram
-from torchlinf.plot.layers import Bend, crossings, layers
+from torchlinf.plot.layered_layout import Bend, crossings, layers
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -83,6 +83,21 @@ def test_few_lines_cross_in_general() -> None:
             surplus.append(crossings(found.ranks, found.steps) - least)
     assert len(surplus) > 20
     assert sum(surplus) == 0
+
+
+def test_networkx_layout_has_more_than_three_times_the_crossings() -> None:
+    """Why there is a layout of our own: networkx does not arrange the nodes within a rank."""
+    ours, theirs = 0, 0
+    for seed in range(10):
+        found = layers(hasse_diagram(random_order(seed, size=12)), {}, 1.0)
+        steps = found.steps.copy()
+        for i, rank in enumerate(found.ranks):
+            for vertex in rank:
+                steps.nodes[vertex]["subset"] = i
+        x = {vertex: place[0] for vertex, place in nx.multipartite_layout(steps, align="horizontal").items()}
+        ours += crossings(found.ranks, found.steps)
+        theirs += crossings([sorted(rank, key=x.__getitem__) for rank in found.ranks], found.steps)
+    assert theirs > 3 * ours > 0
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -1,0 +1,189 @@
+"""Complexity of the decision regions of a classifier on a grid over its features."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Unpack
+
+from torch import Tensor
+
+from torchlinf._checks import choice
+from torchlinf.measure import ComplexityProfile, LevelOptions, Measure, complexity_profile, takes
+from torchlinf.regions.grids import Bounds, Grid, Plane
+from torchlinf.regions.open_boundary import open_profile
+from torchlinf.regions.responses import ResponseOptions, class_masks
+
+Boundary = Literal["background", "open"]
+BOUNDARIES = ("background", "open")
+
+
+@dataclass(frozen=True, eq=False)
+class DecisionRegions:
+    """The regions that a classifier gives its classes on a grid, and their complexity.
+
+    C is the number of classes. The region of a class is one shape, in one piece or in several. Made by
+    `decision_region_complexity` and `decision_plane`; `torchlinf.plot.decision_regions` draws it without another solve.
+
+    Attributes:
+        classes: names of the C classes, those of the classifier or 0, 1, ...
+        masks: (C, *resolution) bool, where each class is; the i-th dimension is the i-th feature.
+        axes: coordinates of the points along each dimension, 1-D float64.
+        profile: the complexity against scale, batch shape (C,); NaN for a class that is nowhere on the grid.
+        area: (C,) float64, the share of the grid's points that is in each region.
+        plane: for `decision_plane`, where the grid lies in the input space; else None.
+    """
+
+    classes: tuple[Any, ...]
+    masks: Tensor
+    axes: tuple[Tensor, ...]
+    profile: ComplexityProfile
+    area: Tensor
+    plane: Plane | None = None
+
+    @property
+    def num_empty(self) -> int:
+        """Number of classes that are nowhere on the grid."""
+        return int((self.profile.radius == 0).sum())
+
+    def mean(self, low: float = 0.0, high: float = 1.0) -> Tensor:
+        """Complexity of each class: the exact mean over the scales in (low, high].
+
+        Args:
+            low: lower end of the window of scales, excluded.
+            high: upper end of the window, included; 0 <= low < high <= 1.
+
+        Returns:
+            (C,) float64, in the unit of the profile; NaN for a class that is nowhere.
+
+        Raises:
+            TypeError: `low` or `high` is no number.
+            ValueError: not 0 <= low < high <= 1.
+        """
+        return self.profile.mean(low, high)
+
+    def overall(self, low: float = 0.0, high: float = 1.0) -> Tensor:
+        """One number: the mean over the classes, each weighted by its area.
+
+        It is the expected complexity of the region that a random point of the grid falls into. So a class of a few
+        points changes it little, whether it is there or not; it would change an unweighted mean by much.
+
+        Args:
+            low: lower end of the window of scales, excluded.
+            high: upper end of the window, included; 0 <= low < high <= 1.
+
+        Returns:
+            Tensor without dimensions, float64, in the unit of the profile. Classes that are nowhere have no weight;
+            NaN if all classes are nowhere.
+
+        Raises:
+            TypeError: `low` or `high` is no number.
+            ValueError: not 0 <= low < high <= 1.
+        """
+        return self._weighted(self.mean(low, high)[:, None])[0]
+
+    def overall_values(self) -> Tensor:
+        """The mean over the classes, weighted by their areas, at each of `profile.scales`: (L,) float64."""
+        return self._weighted(self.profile.values)
+
+    def _weighted(self, values: Tensor) -> Tensor:
+        return (values.nan_to_num() * self.area[:, None]).sum(dim=0) / self.area.sum()
+
+
+@takes(LevelOptions)
+def decision_region_complexity(
+    classifier: Any,
+    bounds: Bounds,
+    *,
+    resolution: int | Sequence[int] = 128,
+    boundary: Boundary = "background",
+    response_method: str = "auto",
+    threshold: float | None = None,
+    classes: Sequence[Any] | None = None,
+    chunk_size: int | None = None,
+    **options: Unpack[LevelOptions],
+) -> DecisionRegions:
+    """Complexity of the decision regions of a classifier on a grid over 1 to 4 features.
+
+    Regions that are boxes along the axes have 0: those of a constant classifier, of a threshold of one feature, of some
+    small trees. A straight boundary at a slant does not have 0, and the numbers change with the units of the features
+    and with a rotation of them.
+
+    Args:
+        classifier: one of these, which must answer without NaN:
+
+            - a `torch.nn.Module` from (P, features) in its own dtype and device to (P, classes) logits or
+              probabilities, or (P,) or (P, 1) of class 1; it is put in evaluation mode for the call;
+            - a scikit-learn estimator, or an object with its methods; it gets float64 NumPy arrays;
+            - a callable from tensors of torch's default dtype to a tensor or array like those of a module, or to
+              integer or string labels (P,).
+        bounds: (low, high) for each feature; `bounds_around(X)` makes them from data.
+        resolution: points along every feature, or one number for each, 2 or more; scikit-learn's `grid_resolution`.
+        boundary: the boundary condition at the edge of the grid. "background": beyond the grid is no class, so the edge
+            is a part of the boundary of every region that touches it. "open": the edge is no boundary. Distances count
+            to points of other classes on the grid only, and neighbourhoods end at the edge, as if the grid were
+            mirrored there. It takes several times as long.
+        response_method: of an estimator, as in scikit-learn's `DecisionBoundaryDisplay`: "predict",
+            "predict_proba", "decision_function", or "auto", the last of these that it has.
+        threshold: None takes the class of the largest response, the first of those that tie. With a number each class
+            is where its response is greater, so that regions may overlap or leave gaps. With one response a point, it
+            parts class 1 from class 0, and is needed unless it is a `decision_function`, which has 0.
+        classes: names of the classes in the order of the responses, or all labels that may be answered; None takes
+            those of the estimator, or counts from 0, or, of labels, takes those that are met.
+        chunk_size: points asked for at a time; None means 16,384, fewer if they have very many features.
+        {measure options}
+
+    Returns:
+        `DecisionRegions`. A class that is nowhere has complexity NaN and is counted by `num_empty`; one that is
+        everywhere has 0, with either boundary condition. Not differentiable: for a gradient use `DecisionRegionLoss`.
+        Computed on the CPU but for the classifier itself. A `rho` is in steps of the grid.
+
+    Raises:
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument has a wrong value, or the classifier answers NaN or in another shape; or "open" would
+            take too much memory, as large grids of 3 or 4 features may.
+        RuntimeError: a field could not be solved to `tol`.
+
+    Source: the measure is that of Arslan and Tari, IEEE TIP 2020; docs/regions.
+
+    Example:
+        >>> def in_a_disc(points):
+        ...     return points.square().sum(dim=1) < 1
+        >>> regions = decision_region_complexity(in_a_disc, [(-1.5, 1.5)] * 2, resolution=25)
+        >>> regions.classes, regions.mean(), regions.overall()
+        ((False, True), tensor([2.0490, 0.5755], dtype=torch.float64), tensor(1.5940, dtype=torch.float64))
+    """
+    measure = Measure.of(options, LevelOptions)
+    choice(boundary, BOUNDARIES, "boundary")
+    response = ResponseOptions(
+        response_method=response_method, threshold=threshold, classes=classes, chunk_size=chunk_size
+    )
+    return regions_on(Grid.within(bounds, resolution), classifier, response, boundary, measure)
+
+
+def regions_on(
+    grid: Grid, classifier: Any, response: ResponseOptions, boundary: Boundary, measure: Measure
+) -> DecisionRegions:
+    """The regions of a classifier on a grid.
+
+    Example:
+        >>> response = ResponseOptions(response_method="auto", threshold=0.0, classes=None, chunk_size=None)
+        >>> grid = Grid.within([(-1, 1)], 5)
+        >>> regions_on(grid, lambda points: points, response, "open", Measure()).area
+        tensor([0.6000, 0.4000], dtype=torch.float64)
+    """
+    choice(boundary, BOUNDARIES, "boundary")
+    masks, names = class_masks(classifier, grid, **response)
+    if boundary == "open":
+        profile = open_profile(masks, measure)
+    else:
+        profile = complexity_profile(masks, spatial_ndim=masks.ndim - 1, **level_options(measure))
+    area = masks.flatten(1).double().mean(dim=1)
+    return DecisionRegions(names, masks, grid.axes, profile, area, grid.plane)
+
+
+def level_options(measure: Measure) -> LevelOptions:
+    """The options of a measure without its window, as keywords.
+
+    >>> level_options(Measure(high=0.5, bins=64))
+    {'bins': 64, 'estimator': 'entropy', 'rho': None, 'tol': 1e-09}
+    """
+    return LevelOptions(bins=measure.bins, estimator=measure.estimator, rho=measure.rho, tol=measure.tol)
