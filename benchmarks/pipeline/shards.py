@@ -15,7 +15,7 @@ from PIL import Image
 
 from benchmarks import shapes
 from torchlinf.scoring import Source, find_masks, read_source, score_mask, score_masks
-from torchlinf.scoring.distributed import connected, score_shards
+from torchlinf.scoring.ray import connected, score_shards
 from torchlinf.scoring.readers import read_values
 from torchlinf.scoring.shards import Options, Part, find_shards, score_shard, write_part
 
@@ -103,7 +103,7 @@ def _stages(paths: list[Path], root: Path, rounds: int) -> list[Stage]:
     runs: dict[str, tuple[int, Callable[[], object]]] = {
         "list": (len(sources), lambda: find_masks(paths)),
         "read": (len(sources), lambda: [_bytes(source) for source in sources]),
-        "read and decode": (len(sample), lambda: [read_values(s.path, s.member, 2**26, s.place) for s in sample]),
+        "read and decode": (len(sample), lambda: [read_values(s.path, s.member, 2**26, s.data) for s in sample]),
         "score": (len(masks), lambda: [score_mask(mask) for mask in masks]),
         "write": (len(rows), lambda: write_part(root / "stage.parquet", rows)),
     }
@@ -113,8 +113,8 @@ def _stages(paths: list[Path], root: Path, rounds: int) -> list[Stage]:
 
 def _bytes(source: Source) -> bytes:
     with source.path.open("rb") as file:
-        file.seek(source.place.offset)
-        return file.read(source.place.size)
+        file.seek(source.data.offset)
+        return file.read(source.data.size)
 
 
 def _local(paths: list[Path], out: Path) -> float:

@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from math import ceil
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 from torch import Tensor
 
+from torchlinf.measure import Measure, MeasureOptions, takes
 from torchlinf.order import WINDOWS, Node, dominance
 from torchlinf.plot import hasse_layout
 from torchlinf.plot.panels import (
@@ -63,11 +64,13 @@ def shapes(masks: Mapping[str, Tensor]) -> "Figure":
     return figure
 
 
-def overview(masks: Mapping[str, Tensor]) -> "Figure":
+@takes(MeasureOptions)
+def overview(masks: Mapping[str, Tensor], **options: Unpack[MeasureOptions]) -> "Figure":
     """Draw each mask twice, with level lines of f and of t, and all profiles in one plot below.
 
     Args:
         masks: the shapes by name, each as for `levels`. Up to a dozen stay readable.
+        {measure options}
 
     Returns:
         The figure; its first axes hold the profiles, the others the shapes.
@@ -82,14 +85,16 @@ def overview(masks: Mapping[str, Tensor]) -> "Figure":
         >>> [ax.get_title() for ax in figure.axes[1:]]
         ['field f / max f', 'scale t = d / D']
     """
-    solved = solve_all(masks)
+    measure = Measure.of(options, MeasureOptions)
+    solved = solve_all(masks, bins=measure.bins, estimator=measure.estimator, rho=measure.rho, tol=measure.tol)
     rows = ceil(len(masks) / 3)
     columns = ceil(len(masks) / rows)
     figure, top, ax_profiles = page(max(4.4 * columns, 6.4), 2.9 * rows, 3.4)
     pairs = top.subfigures(rows, columns, squeeze=False).flat
     for pair, name, look in zip(pairs, masks, looks(len(masks)), strict=False):
         cut = ", deepest slice" if masks[name].ndim == 3 else ""
-        pair.suptitle(f"{shorten(name)}{cut}: {float(solved[name].mean()):.3f} bits", fontsize=11)
+        means = (f"{float(solved[name].mean(*ends)):.3f}" for ends in measure.named_windows().values())
+        pair.suptitle(f"{shorten(name)}{cut}: {', '.join(means)} {measure.unit}", fontsize=11)
         left, right = pair.subplots(1, 2, sharey=True)
         for panel, values, title in zip((left, right), slices(masks[name]), TITLES.values(), strict=True):
             draw_levels(panel, values, look.color)
@@ -98,7 +103,7 @@ def overview(masks: Mapping[str, Tensor]) -> "Figure":
             panel.set_anchor("N")
             panel.tick_params(labelsize=8)
         left.set_ylabel("row (pixels)", fontsize=8)
-        draw_profile(ax_profiles, solved[name], shorten(name), look)
+        draw_profile(ax_profiles, solved[name], shorten(name), look, measure.estimator)
     draw_legend(ax_profiles)
     return figure
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from types import ModuleType
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, Unpack, cast
 
 import numpy as np
 import torch
@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torchlinf._checks import as_mask
 from torchlinf.field import chessboard_distance, linf_field
-from torchlinf.measure import ComplexityProfile, complexity_map, complexity_profile
+from torchlinf.measure import ComplexityProfile, LevelOptions, complexity_map, complexity_profile
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -78,11 +78,13 @@ def solve(mask: Tensor, estimator: str = "entropy") -> ComplexityProfile:
     return complexity_profile(mask, estimator=estimator, spatial_ndim=mask.ndim)
 
 
-def solve_all(masks: Mapping[str, Tensor]) -> dict[str, ComplexityProfile]:
+def solve_all(masks: Mapping[str, Tensor], **options: Unpack[LevelOptions]) -> dict[str, ComplexityProfile]:
     """Profiles of shapes by name, at least one."""
     if not masks:
         raise ValueError("masks must hold at least one mask; got none. Pass for example {'disc': shapes.disc(32)}.")
-    return {name: solve(mask) for name, mask in masks.items()}
+    for mask in masks.values():
+        _require_shape(mask)
+    return {name: complexity_profile(mask, spatial_ndim=mask.ndim, **options) for name, mask in masks.items()}
 
 
 def slices(mask: Tensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 import torchlinf
 from torchlinf.cli import app
 from torchlinf.scoring import COLUMNS, Score, find_masks, read_table, score_masks
-from torchlinf.scoring.distributed import Part, ScoreMasks, connected, find_shards, score_shards
+from torchlinf.scoring.ray import Part, ScoreMasks, connected, find_shards, score_shards
 
 # Ray's own settings trip over each other as soon as they are made.
 pytestmark = pytest.mark.filterwarnings("ignore:`use_:DeprecationWarning:ray.data.context")
