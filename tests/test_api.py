@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import torch
+import torchlinf.scoring.distributed
 
 import torchlinf
 import torchlinf.decompose
@@ -19,7 +20,6 @@ import torchlinf.order
 import torchlinf.regions
 import torchlinf.scoring
 import torchlinf.scoring.compare
-import torchlinf.scoring.distributed
 import torchlinf.transforms
 from torchlinf import shapes
 

@@ -14,10 +14,19 @@ import numpy as np
 from PIL import Image
 
 from benchmarks import shapes
-from torchlinf.scoring import Source, find_masks, read_source, score_mask, score_masks
+from torchlinf.scoring import (
+    COLUMNS,
+    ScoreOptions,
+    Source,
+    find_masks,
+    read_source,
+    score_mask,
+    score_masks,
+    write_table,
+)
 from torchlinf.scoring.ray import connected, score_shards
 from torchlinf.scoring.readers import read_values
-from torchlinf.scoring.shards import Options, Part, find_shards, score_shard, write_part
+from torchlinf.scoring.shards import Part, find_shards, score_shard
 
 
 @dataclass(frozen=True)
@@ -105,7 +114,7 @@ def _stages(paths: list[Path], root: Path, rounds: int) -> list[Stage]:
         "read": (len(sources), lambda: [_bytes(source) for source in sources]),
         "read and decode": (len(sample), lambda: [read_values(s.path, s.member, 2**26, s.data) for s in sample]),
         "score": (len(masks), lambda: [score_mask(mask) for mask in masks]),
-        "write": (len(rows), lambda: write_part(root / "stage.parquet", rows)),
+        "write": (len(rows), lambda: write_table(root / "stage.parquet", rows, columns=COLUMNS)),
     }
     times = {name: [_cpu(of) / count for _ in range(rounds)] for name, (count, of) in runs.items()}
     return [Stage(name, 1e3 * float(np.median(found)), 1e3 * min(found)) for name, found in times.items()]
@@ -122,7 +131,7 @@ def _local(paths: list[Path], out: Path) -> float:
     found = find_shards(paths)
     out.mkdir()
     parts: list[Part] = []
-    seconds = _cpu(lambda: parts.extend(score_shard(shard, out, Options()) for shard in found))
+    seconds = _cpu(lambda: parts.extend(score_shard(shard, out, ScoreOptions()) for shard in found))
     return 1e3 * seconds / sum(part.masks for part in parts)
 
 

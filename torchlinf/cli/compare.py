@@ -104,7 +104,8 @@ def _print(comparison: Comparison, largest: int) -> None:
         old, new = comparison.numbers.mean(axis=1)
         rose, fell = int((changes > 0).sum()), int((changes < 0).sum())
         lines = (
-            f"mean {comparison.column} {old:.3f} before, {new:.3f} after: {new - old:+.3f}, median {median(changes):+.3f}",
+            f"mean {comparison.column} {old:.3f} before, {new:.3f} after: {new - old:+.3f}, "
+            f"median {median(changes):+.3f}",
             f"{rose:,} rose, {fell:,} fell, {changes.size - rose - fell:,} stayed",
             f"rank correlation {comparison.rank_correlation:.3f}",
         )

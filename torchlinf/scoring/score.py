@@ -32,9 +32,9 @@ def score_mask(inside: NDArray[np.bool_], **options: Unpack[MeasureOptions]) -> 
         {measure options}
 
     Returns:
-        The columns from `height` to `field_error_bound`, with one for each window; see `Score`. If `low` or `high` is
-        given, or `windows` is None, the one window is called "complexity". For a mask without a pixel inside `error`
-        says so, and all that has no number is None.
+        The columns from `height` to `field_error_bound`, with one for each window, and `error`; see `Score`. If `low`
+        or `high` is given, or `windows` is None, the one window is called "complexity". For a mask without a pixel
+        inside `error` says so, and its complexities are None.
 
     Raises:
         TypeError: an option is of the wrong type; `rho` must be None or one number.
@@ -47,8 +47,7 @@ def score_mask(inside: NDArray[np.bool_], **options: Unpack[MeasureOptions]) -> 
         (24, 2, 1, 0.0)
     """
     row = _numbers(inside, score_measure(options)).cells()
-    kept = ("path", "seconds", "version", "measure", *(["error"] if row["error"] is None else []))
-    return {name: value for name, value in row.items() if name not in kept}
+    return {name: value for name, value in row.items() if name not in ("path", "seconds", "version", "measure")}
 
 
 @takes(MeasureOptions, windows=WINDOWS)

@@ -148,7 +148,8 @@ def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
     """Read the rows of a table: CSV, JSON lines, Parquet, or a folder of such files (all of them, sorted by name).
 
     Args:
-        path: the file or folder. A name that ends in .jsonl or .part (a journal) is read as JSON lines.
+        path: the file or folder. A file that begins with "{" holds JSON lines, like the journal of a run that goes on,
+            whose name ends in .part; all other text is CSV.
 
     Yields:
         Rows, one after the other.
@@ -169,7 +170,7 @@ def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
     elif suffix == ".parquet":
         yield from parquet.read(path)
     else:
-        yield from _read_text(path, _from_json_lines if suffix in (".jsonl", JOURNAL) else _from_csv_lines)
+        yield from _read_text(path)
 
 
 def _convert(journal: Journal, path: Path, columns: Sequence[str], as_json: bool) -> None:
@@ -196,18 +197,21 @@ def _of_this_measure(rows: Iterable[Score], measure: Measure) -> Iterator[Score]
         yield row
 
 
-def _read_text(path: Path, parse: Callable[[TextIO], Iterator[Score]]) -> Iterator[Score]:
+def _read_text(path: Path) -> Iterator[Score]:
+    """The rows of CSV or JSON lines; of a journal, which may be written just now, the complete lines."""
+    suffix = path.suffix.lower()
     with path.open(encoding="utf-8", newline="") as file:
         try:
-            yield from parse(file)
+            is_json = suffix in (".jsonl", JOURNAL) or file.read(1) == "{"
+            file.seek(0)
+            if is_json:
+                yield from (from_json(line) for line in file if suffix != JOURNAL or line.endswith("\n"))
+            else:
+                yield from _from_csv_lines(file)
         except NoTableError:
             raise
         except (ValueError, csv.Error) as error:
             raise NoTableError(f"it holds a line that is not a row ({error})") from error
-
-
-def _from_json_lines(file: TextIO) -> Iterator[Score]:
-    return (from_json(line) for line in file if line.endswith("\n"))
 
 
 def _from_csv_lines(file: TextIO) -> Iterator[Score]:

@@ -116,6 +116,9 @@ def _by_processes(
         lost = [*part, *chain.from_iterable(part for part, _ in waiting)]
         waiting.clear()
         yield from _one_by_one(work, lost, died)
+        if not (head := list(islice(tasks, 1))):
+            return
+        tasks = chain(head, tasks)
 
 
 def _one_by_one(
