@@ -112,7 +112,7 @@ def test_joins(old: tuple[str, str], join: str) -> None:
 
 
 def test_what_does_not_tell_masks_apart_is_refused() -> None:
-    table = [Score("x/a.png"), Score("y/a.png")]
+    table = [scored("x/a.png", 1.0), scored("y/a.png", 2.0)]
     with pytest.raises(ValueError, match=r"by name the new table holds a.png more than once \(x/a.png, y/a.png\)"):
         compare_scores([], table, join="name")
     with pytest.raises(ValueError, match=r"by path the old table holds x/a.png more than once"):

@@ -156,7 +156,7 @@ def score_shards(
         ValueError: an option has a wrong value, or `out` holds parts of other settings or of another list of files.
         OSError: a part cannot be written.
     """
-    ray_data = require("ray.data", FEATURE, "ray")
+    ray_data = _require_ray().data
     folder, chosen = Path(out).absolute(), ScoreOptions(threshold, invert, max_pixels, members, score_measure(options))
     open_folder(folder, shards, chosen)
     missing = []
@@ -193,9 +193,7 @@ def connected(address: str = "local", *, workers: int | None = None) -> Iterator
         ImportError: Ray Data is not installed.
         ConnectionError: there is no cluster at that address.
     """
-    require("ray.data", FEATURE, "ray")
-    import ray
-
+    ray = _require_ray()
     local: dict[str, Any] = {"num_cpus": workers, "include_dashboard": False, "object_store_memory": STORE}
     with _no_usage_statistics() if address == "local" else nullcontext():
         ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **(local if address == "local" else {}))
@@ -203,6 +201,12 @@ def connected(address: str = "local", *, workers: int | None = None) -> Iterator
         yield
     finally:
         ray.shutdown()
+
+
+def _require_ray() -> Any:
+    ray = require("ray", FEATURE, "ray")
+    require("ray.data", FEATURE, "ray")
+    return ray
 
 
 @contextmanager
