@@ -80,7 +80,7 @@ def score(sources: list[scoring.Source], table: Path) -> None:
         for row in scoring.score_masks(sources):
             write(row)
             rows.append(row)
-    scoring.print_table(sorted(rows, key=lambda row: row.complexity))
+    scoring.print_table(sorted(rows, key=lambda row: row["complexity"]))
     print(f"wrote {table}")
 
 

@@ -19,13 +19,18 @@ import torchlinf.order
 import torchlinf.regions
 import torchlinf.scoring
 import torchlinf.scoring.compare
-import torchlinf.scoring.distributed
+import torchlinf.scoring.ray
 import torchlinf.transforms
 from torchlinf import shapes
 
 SOLVE = "rho=None, tol=1e-09"
 TENSOR = "method='auto', spatial_ndim=None, dtype=None"
 LEVEL = "bins=1024, estimator='entropy', rho=None, tol=1e-09"
+SCORED = (
+    "low=0.0, high=1.0, windows={'complexity': (0.0, 1.0), 'complexity_low': (0.0, 0.25), "
+    "'complexity_high': (0.25, 1.0)}, bins=1024, estimator='entropy', rho=None, tol=1e-09"
+)
+
 READ = "threshold=None, invert=False, max_pixels=67108864"
 
 RESPONSE = "boundary='background', response_method='auto', threshold=None, classes=None, chunk_size=None"
@@ -177,8 +182,8 @@ def test_the_version_has_three_numbers() -> None:
         ),
         (torchlinf.scoring.find_masks, "(paths, *, members=None)"),
         (torchlinf.scoring.read_mask, f"(path, *, member=None, {READ})"),
-        (torchlinf.scoring.score_masks, f"(sources, *, {READ}, workers=1, isolated=False)"),
-        (torchlinf.scoring.open_table, "(path, *, as_json=False, resume=False, retry=False)"),
+        (torchlinf.scoring.score_masks, f"(sources, *, {READ}, workers=1, isolated=False, {SCORED})"),
+        (torchlinf.scoring.open_table, f"(path, *, as_json=False, resume=False, retry=False, {SCORED})"),
         (torchlinf.scoring.read_table, "(path)"),
         (torchlinf.scoring.compare_scores, "(old, new, *, column='complexity', join='path')"),
         (torchlinf.regions.bounds_around, "(X, *, eps=1.0)"),
@@ -188,15 +193,15 @@ def test_the_version_has_three_numbers() -> None:
             "high=1.0, bins=1024, estimator='entropy', rho=None, tol=1e-09)",
         ),
         (
-            torchlinf.scoring.distributed.ScoreMasks,
-            "(column, *, name='path', threshold=None, invert=False, max_pixels=67108864, spatial_ndim=2)",
+            torchlinf.scoring.ray.ScoreMasks,
+            f"(column, *, name='path', {READ}, spatial_ndim=2, {SCORED})",
         ),
-        (torchlinf.scoring.distributed.find_shards, "(paths, *, files=1000)"),
+        (torchlinf.scoring.ray.find_shards, "(paths, *, files=1000)"),
         (
-            torchlinf.scoring.distributed.score_shards,
-            "(shards, out, *, threshold=None, invert=False, max_pixels=67108864, members=None, **map_options)",
+            torchlinf.scoring.ray.score_shards,
+            f"(shards, out, *, {READ}, members=None, map_options=None, {SCORED})",
         ),
-        (torchlinf.scoring.distributed.connected, "(address='local', *, workers=None)"),
+        (torchlinf.scoring.ray.connected, "(address='local', *, workers=None)"),
         (
             torchlinf.labels.complexity_table,
             "(label_map, *, properties=(), intensity_image=None, spacing=None, low=0.0, high=1.0, windows=None, "

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -14,12 +15,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 from typer.testing import CliRunner
 
 import torchlinf
-from torchlinf.cli import app
-from torchlinf.scoring import COLUMNS
+from torchlinf import Measure, complexity
+from torchlinf.cli import app, main
+from torchlinf.scoring import COLUMNS, JOURNAL, WINDOWS, read_table
+
+COMMANDS = ("score", "compare", "profile", "order", "warm-up")
 
 run = CliRunner(env={"TERM": "dumb", "COLUMNS": "200"}).invoke
 
@@ -77,6 +82,102 @@ def test_python_m_is_the_command() -> None:
     assert called.stderr == ""
 
 
+@pytest.mark.parametrize("command", [["--version"], ["--help"], *([name, "--help"] for name in COMMANDS)])
+def test_help_and_version_load_no_torch(command: list[str]) -> None:
+    script = f"""
+import sys
+from torchlinf.cli import main
+sys.argv = ["torchlinf", *{command}]
+try:
+    main()
+finally:
+    print("torch" in sys.modules, "numba" in sys.modules, file=sys.stderr)
+"""
+    called = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert called.stderr == "False False\n"
+    assert called.stdout
+
+
+@pytest.mark.parametrize("command", ["score", "profile", "order"])
+def test_the_help_shows_the_defaults_of_the_measure(command: str) -> None:
+    measure, shown = Measure(), " ".join(run(app, [command, "--help"]).output.replace("│", " ").split())
+    for name in ("low", "high", "bins", "estimator", "tol"):
+        value = getattr(measure, name)
+        text = f"{value:g}" if isinstance(value, float) else str(value)
+        assert re.search(rf"--{name} .*?\[default: \({text}\)\]", shown), name
+
+
+def test_warm_up_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    called = []
+    monkeypatch.setattr("torchlinf.kernels.warm_up", lambda: called.append(1), raising=False)
+    result = run(app, ["warm-up"])
+    assert (result.exit_code, called) == (0, [1])
+    assert result.output.startswith("The kernels are compiled (")
+
+
+def test_the_command_leaves_the_process_as_it_was(masks: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import logging
+    import warnings
+
+    import torch
+
+    def state() -> list[object]:
+        loggers = logging.getLogger("tifffile").disabled, logging.root.manager.disable
+        handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+        return [list(warnings.filters), list(sys.warnoptions), loggers, handlers, torch.get_num_threads(), *os.environ]
+
+    before = state()
+    monkeypatch.setattr(sys, "argv", ["torchlinf", "score", str(masks), "--workers", "2", "--json"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0
+    assert state() == before
+
+
+@pytest.mark.parametrize(
+    ("options", "columns"),
+    [
+        (["--low", "0.1", "--high", "0.6"], {"complexity": (0.1, 0.6)}),
+        (["--window", "fine=0-.25", "--window", "a b=2.5e-1-1"], {"fine": (0, 0.25), "a b": (0.25, 1)}),
+        (["--bins", "64", "--rho", "3.5", "--tol", "1e-6", "--estimator", "std"], WINDOWS),
+    ],
+)
+def test_score_takes_the_options_of_the_measure(
+    options: list[str], columns: dict[str, tuple[float, float]], masks: Path
+) -> None:
+    result = run(app, ["score", str(masks / "a.png"), "--json", *options])
+    assert (result.exit_code, result.stderr) == (0, "")
+    (row,) = map(json.loads, result.stdout.splitlines())
+    plain = {"bins": 64, "rho": 3.5, "tol": 1e-6, "estimator": "std"} if "--bins" in options else {}
+    mask = torch.from_numpy(blob(0, 31, 44))
+    assert list(row)[7:-7] == list(columns)
+    for name, (low, high) in columns.items():
+        assert row[name] == complexity(mask, spatial_ndim=2, low=low, high=high, **plain).item()
+    assert row["version"] == torchlinf.__version__
+    assert json.loads(row["measure"])["bins"] == plain.get("bins", 1024)
+
+
+@pytest.mark.parametrize("command", ["score", "profile", "order"])
+def test_wrong_options_of_the_measure(command: str, masks: Path, tmp_path: Path) -> None:
+    wrong = {
+        "bins must be an integer of 1 or more; got 0": ["--bins", "0"],
+        "low and high must obey": ["--low", "0.5", "--high", "0.25"],
+        "tol must be finite and above 0": ["--tol", "-1"],
+        "rho must be finite and above 0": ["--rho", "0"],
+        "a window must be NAME=LOW-HIGH; got 0-0.5": ["--window", "0-0.5"],
+        "a window must be NAME=LOW-HIGH; got a=b-1": ["--window", "a=b-1"],
+        "name of its own; got a twice": ["--window", "a=0-0.5", "--window", "a=0-1"],
+        "names that no other column has; got 'path'": ["--window", "path=0-0.5"],
+        "windows must stand instead of low and high": ["--window", "a=0-0.5", "--low", "0.5"],
+        "'median' is not one of": ["--estimator", "median"],
+    }
+    plot = ["--plot", str(tmp_path / "out.png")] if command == "profile" else []
+    for words, options in wrong.items():
+        result = run(app, [command, str(masks), *plot, *options])
+        assert (result.exit_code, result.stdout) == (2, ""), words
+        assert words in " ".join(result.stderr.replace("│", " ").split()), result.stderr
+
+
 def test_score_into_a_pipe_prints_csv_and_nothing_else(masks: Path) -> None:
     result = run(app, ["score", str(masks)])
     assert result.exit_code == 0
@@ -85,7 +186,7 @@ def test_score_into_a_pipe_prints_csv_and_nothing_else(masks: Path) -> None:
     assert [Path(row["path"]).name for row in rows] == ["a.png", "b.png", "c.png"]
     assert [row["pixels"] for row in rows] == [str(blob(i, 31, 44).sum()) for i in range(3)]
     assert all(
-        float(row["complexity"]) > 0 and float(row["error_bound"]) <= 1e-9 and row["error"] == "" for row in rows
+        float(row["complexity"]) > 0 and float(row["field_error_bound"]) <= 1e-9 and row["error"] == "" for row in rows
     )
 
 
@@ -213,10 +314,9 @@ def many(tmp_path: Path) -> Path:
 def test_a_stopped_run_leaves_whole_rows(stop: signal.Signals, status: int, many: Path, tmp_path: Path) -> None:
     if stop == signal.SIGINT and signal.getsignal(stop) == signal.SIG_IGN:
         pytest.skip("the tests run in the background, where shells switch Ctrl-C off")
-    out = tmp_path / "scores.csv"
-    with start(
-        str(many), "--out", str(out), "--workers", "2", stderr=subprocess.PIPE, start_new_session=True
-    ) as process:
+    out = tmp_path / f"scores.csv{JOURNAL}"
+    command = [str(many), "--out", str(tmp_path / "scores.csv"), "--workers", "2"]
+    with start(*command, stderr=subprocess.PIPE, start_new_session=True) as process:
         while process.poll() is None and not (out.exists() and out.read_text().count("\n") > 5):
             time.sleep(0.02)
         # Ctrl-C in a terminal goes to the workers too.
@@ -227,11 +327,10 @@ def test_a_stopped_run_leaves_whole_rows(stop: signal.Signals, status: int, many
         assert process.stderr.read() == (
             "Stopped; the same command goes on where this one was.\n" if stop == signal.SIGINT else ""
         )
-    text = out.read_text()
-    assert text.endswith("\n")
-    rows = table(text)
+    assert os.listdir(tmp_path) == ["many", out.name] or os.listdir(tmp_path) == [out.name, "many"]
+    rows = list(read_table(out))
     assert 5 <= len(rows) < 3000
-    assert all(float(row["error_bound"]) <= 1e-9 for row in rows)
+    assert all(row.field_error_bound <= 1e-9 for row in rows)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are sent as POSIX has them")

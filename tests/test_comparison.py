@@ -3,24 +3,43 @@
 import csv
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
 from scipy.stats import spearmanr
 from typer.testing import CliRunner
 
+from torchlinf import Measure
 from torchlinf.cli import app
-from torchlinf.scoring import Score, open_table
-from torchlinf.scoring.compare import Column, Comparison, Pair, compare_scores, write_pairs
+from torchlinf.scoring import (
+    COLUMNS,
+    WINDOWS,
+    Comparison,
+    Pair,
+    Score,
+    compare_scores,
+    numeric_columns,
+    open_table,
+    write_pairs,
+    write_table,
+)
+
+SETTINGS = Measure(windows=WINDOWS).settings()
 
 run = CliRunner(env={"TERM": "dumb", "COLUMNS": "120"}).invoke
 
 
 def rows(**numbers: float | None) -> list[Score]:
     """Rows of masks by name; None is one that failed."""
-    return [Score(f"{name}.png", complexity=c, error=None if c is not None else "empty") for name, c in numbers.items()]
+    return [scored(f"{name}.png", number, None if number is not None else "empty") for name, number in numbers.items()]
+
+
+def scored(path: str, number: float | None, error: str | None = None) -> Score:
+    """A row of the usual columns with a complexity."""
+    values = {"complexity": number, "complexity_low": None, "complexity_high": None}
+    return Score(path, values=values, error=error, measure=SETTINGS)
 
 
 def test_every_mask_is_there_once_with_its_status() -> None:
@@ -85,7 +104,7 @@ PATHS = {  # old, new, and which joins find that they are the same two masks
 @pytest.mark.parametrize("old", PATHS)
 def test_joins(old: tuple[str, str], join: str) -> None:
     new, same = PATHS[old]
-    tables = [[Score(path, complexity=float(i)) for i, path in enumerate(paths)] for paths in (old, new)]
+    tables = [[scored(path, float(i)) for i, path in enumerate(paths)] for paths in (old, new)]
     found = compare_scores(*tables, join=join)
     assert found.counts["compared"] == (2 if join in same else 0)
     assert len(found.pairs) == (2 if join in same else 4)
@@ -93,12 +112,12 @@ def test_joins(old: tuple[str, str], join: str) -> None:
 
 
 def test_what_does_not_tell_masks_apart_is_refused() -> None:
-    table = [Score("x/a.png"), Score("y/a.png")]
+    table = [scored("x/a.png", 1.0), scored("y/a.png", 2.0)]
     with pytest.raises(ValueError, match=r"by name the new table holds a.png more than once \(x/a.png, y/a.png\)"):
         compare_scores([], table, join="name")
     with pytest.raises(ValueError, match=r"by path the old table holds x/a.png more than once"):
         compare_scores([*table, table[0]], [])
-    with pytest.raises(ValueError, match=r"column must be one of complexity.*; got 'error'"):
+    with pytest.raises(ValueError, match=r"column must be one of height.*complexity.*; got 'error'"):
         compare_scores([], [], column="error")
     with pytest.raises(ValueError, match=r"join must be one of path.*; got 'id'"):
         compare_scores([], [], join="id")
@@ -107,6 +126,12 @@ def test_what_does_not_tell_masks_apart_is_refused() -> None:
 def test_other_columns() -> None:
     found = compare_scores([Score("a.png", pixels=12)], [Score("a.png", pixels=15)], column="pixels")
     assert found.changes.tolist() == [3.0]
+    old = [Score("a.png", values={"fine": 1.0, "all": 3.0})]
+    new = [Score("a.png", values={"coarse": 1.0, "fine": 1.5})]
+    assert compare_scores(old, new, column="fine").changes.tolist() == [0.5]
+    with pytest.raises(ValueError, match=r"column must be one of .*components, fine, peak.*; got 'all'"):
+        compare_scores(old, new, column="all")
+    assert set(numeric_columns([])) == set(COLUMNS) - {"path", "error", "version", "measure"}
 
 
 def test_pairs_as_csv(tmp_path: Path) -> None:
@@ -121,6 +146,16 @@ def test_pairs_as_csv(tmp_path: Path) -> None:
 
 
 # The command.
+
+
+def test_rows_of_other_measures_are_pointed_out(tmp_path: Path) -> None:
+    old = write(tmp_path / "old.csv", rows(a=2.0))
+    other = [replace(row, measure=Measure(windows=WINDOWS, bins=64).settings()) for row in rows(a=2.5)]
+    write_table(tmp_path / "new.csv", other, columns=COLUMNS)
+    result = run(app, ["compare", old, str(tmp_path / "new.csv")])
+    assert result.exit_code == 0
+    assert "not all measured with the same options" in result.stderr
+    assert run(app, ["compare", old, old]).stderr == ""
 
 
 def write(path: Path, table: list[Score]) -> str:
@@ -146,8 +181,8 @@ def test_compare_prints_what_changed(tmp_path: Path) -> None:
 
 
 def test_the_status_says_whether_all_were_compared(tmp_path: Path) -> None:
-    old = write(tmp_path / "old.csv", [Score("old/a.png", complexity=2.0)])
-    new = write(tmp_path / "new.jsonl", [Score("new/a.png", complexity=3.0)])
+    old = write(tmp_path / "old.csv", [scored("old/a.png", 2.0)])
+    new = write(tmp_path / "new.jsonl", [scored("new/a.png", 3.0)])
     assert run(app, ["compare", old, old]).exit_code == 0
     assert run(app, ["compare", old, new, "--join", "folder"]).exit_code == 0
     result = run(app, ["compare", old, new])
@@ -155,7 +190,7 @@ def test_the_status_says_whether_all_were_compared(tmp_path: Path) -> None:
     assert "no mask of the two tables has the same path" in result.stderr
     assert "--join" in result.stderr
     assert "old/a.png in old, new/a.png in new" in result.stderr
-    moved = write(tmp_path / "moved.csv", [Score("new/b.png", complexity=3.0)])
+    moved = write(tmp_path / "moved.csv", [scored("new/b.png", 3.0)])
     result = run(app, ["compare", old, moved, "--join", "folder"])
     assert "the same path below its table's folder" in result.stderr
     assert "Pass --join name or stem." in result.stderr  # not the one that was tried
@@ -167,15 +202,16 @@ def test_the_status_says_whether_all_were_compared(tmp_path: Path) -> None:
 def test_what_cannot_be_compared_is_explained(tmp_path: Path) -> None:
     old = write(tmp_path / "old.csv", rows(a=2.0))
     (tmp_path / "notes.csv").write_text("no table\n")
+    write_table(tmp_path / "twice.csv", [*rows(a=1.0), *rows(a=1.0)], columns=COLUMNS)
     wrong = {
         "gone.csv cannot be read (No such file or directory)": [old, str(tmp_path / "gone.csv")],
-        "notes.csv is no table of `torchlinf score`: its first line": [str(tmp_path / "notes.csv"), old],
-        "'error' is not one of": [old, old, "--column", "error"],
+        "notes.csv is not a table of `torchlinf score`: its columns": [str(tmp_path / "notes.csv"), old],
+        "column must be one of": [old, old, "--column", "error"],
         "is one of the tables": [old, old, "--out", old],
         "changes.parquet would hold CSV": [old, old, "--out", "changes.parquet"],
         "a.png would hold CSV": [old, old, "--out", "a.png"],
         "does not exist; make it, or pass another": [old, old, "--out", str(tmp_path / "no" / "out.csv")],
-        "more than once": [write(tmp_path / "twice.csv", [*rows(a=1.0), *rows(a=1.0)]), old],
+        "more than once": [str(tmp_path / "twice.csv"), old],
     }
     for words, arguments in wrong.items():
         result = run(app, ["compare", *arguments])
@@ -199,4 +235,4 @@ def test_numbers_that_cannot_be_written_leave_what_was_there(tmp_path: Path, mon
 def test_the_help_spells_the_columns_out_at_80_columns() -> None:
     result = CliRunner(env={"TERM": "dumb", "COLUMNS": "80"}).invoke(app, ["compare", "--help"])
     words = result.stdout.replace(",", " ").replace(".", " ").split()
-    assert set(get_args(Column)) <= set(words)
+    assert set(numeric_columns([])) <= set(words)

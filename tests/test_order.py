@@ -125,7 +125,7 @@ def test_steps_come_in_the_order_of_the_graph() -> None:
 def test_attributes_are_kept(profiles: dict[str, ComplexityProfile]) -> None:
     steps = hasse_diagram(dominance(profiles))
     assert steps.nodes["square", "box"]["indicators"] == (0.0, 0.0)
-    assert steps.graph == {"windows": {"fine": (0.0, 0.25), "all": (0.0, 1.0)}, "unit": "bits"}
+    assert steps.graph == {"windows": {"complexity_low": (0.0, 0.25), "complexity": (0.0, 1.0)}, "unit": "bits"}
     everywhere = dominance(profiles, windows=None, every_scale=True)
     assert everywhere.graph == {"windows": {"complexity": (0.0, 1.0)}, "unit": "bits"}
     assert everywhere.nodes[("three",)]["indicators"] == (float(profiles["three"].mean()),)

@@ -19,7 +19,7 @@ MASKS = {
 def test_on_a_terminal_people_read(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     profiles = {f"[{name}]": complexity_profile(mask, spatial_ndim=2) for name, mask in MASKS.items()}
     monkeypatch.setenv("COLUMNS", "120")
-    print_order(dominance(profiles, windows=None, every_scale=True))
+    print_order(dominance(profiles, windows=None, every_scale=True), profiles)
     out = capsys.readouterr().out
     assert "t in (0, 1]" in out
     assert all(f"[{name}]" in out for name in MASKS)  # brackets are no markup
@@ -39,7 +39,8 @@ def test_chains_and_antichains_in_sentences() -> None:
 
 def test_rows_come_from_the_simplest_on_in_the_order_of_the_masks() -> None:
     order = nx.transitive_closure(nx.DiGraph([(("z",), ("y",)), (("z",), ("x",)), (("y",), ("w",))]))
-    order.graph["windows"] = [(0.0, 0.5)]
-    nx.set_node_attributes(order, (1.0,), "indicators")
-    assert [(row["path"], row["rank"]) for row in order_rows(order)] == [("z", 0), ("y", 1), ("x", 1), ("w", 2)]
-    assert [row["incomparable"] for row in order_rows(order)] == [[], ["x"], ["y", "w"], ["x"]]
+    profiles = dict.fromkeys("wxyz", complexity_profile(MASKS["disc"], spatial_ndim=2))
+    rows = list(order_rows(order, profiles))
+    assert [(row["path"], row["rank"]) for row in rows] == [("z", 0), ("y", 1), ("x", 1), ("w", 2)]
+    assert [row["incomparable"] for row in rows] == [[], ["x"], ["y", "w"], ["x"]]
+    assert {row["complexity"] for row in rows} == {profiles["w"].mean().item()}

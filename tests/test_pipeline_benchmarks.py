@@ -65,5 +65,5 @@ def test_silhouettes_in_shards_differ(tmp_path: Path) -> None:
     rows = list(score_masks(find_masks([tmp_path / "shards"])))
     assert len({row.path.split(":")[0] for row in rows}) == 4
     assert {(row.height, row.width, row.error) for row in rows} == {(48, 48, None)}
-    assert len({row.complexity for row in rows}) > 30
+    assert len({row["complexity"] for row in rows}) > 30
     assert sum(row.pixels for row in rows) / 42 == pixels > 48

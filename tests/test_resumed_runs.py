@@ -15,10 +15,9 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from torchlinf import scoring
+from torchlinf import Measure, scoring
 from torchlinf.cli import app
-from torchlinf.scoring import Score, open_table, read_table
-from torchlinf.scoring.tables import JOURNAL
+from torchlinf.scoring import JOURNAL, WINDOWS, Score, open_table, read_table
 
 run = CliRunner(env={"TERM": "dumb", "COLUMNS": "200"}).invoke
 
@@ -51,7 +50,8 @@ def paths(table: Path) -> list[str]:
 def test_what_is_in_the_table_is_not_scored_again(name: str, masks: Path, tmp_path: Path) -> None:
     table = tmp_path / name
     command = ["score", str(masks), "--out", str(table)]
-    before = Score(str(masks / "1.png"), complexity=-1.0)  # no mask has this complexity
+    values = dict.fromkeys(WINDOWS, -1.0)  # no mask has this complexity
+    before = Score(str(masks / "1.png"), values=values, measure=Measure(windows=WINDOWS).settings())
     with open_table(table) as put:
         put(before)
     result = run(app, command)
@@ -71,7 +71,23 @@ def test_what_is_in_the_table_is_not_scored_again(name: str, masks: Path, tmp_pa
     assert next(read_table(table)) == before
     assert run(app, [*command, "--overwrite"]).exit_code == 0
     assert paths(table) == ["0.png", "1.png", "2.png", "bad.png"]
-    assert all(row.complexity > 0 for row in read_table(table))
+    assert all(row["complexity"] > 0 for row in read_table(table))
+
+
+def test_a_table_of_other_settings_is_not_continued(masks: Path, tmp_path: Path) -> None:
+    table = tmp_path / "scores.csv"
+    command = ["score", str(masks), "--out", str(table)]
+    assert run(app, [*command, "--window", "fine=0-0.25"]).exit_code == 1
+    before = table.read_bytes()
+    result = run(app, command)
+    assert result.exit_code == 2
+    assert "scores.csv cannot be continued: its rows were measured with other options" in result.stderr
+    assert "--overwrite" in result.stderr
+    assert table.read_bytes() == before
+    assert run(app, [*command, "--window", "fine=0-0.25"]).exit_code == 1
+    assert table.read_bytes() == before
+    assert run(app, [*command, "--overwrite"]).exit_code == 1
+    assert table.read_bytes() != before
 
 
 @pytest.mark.parametrize("name", ["notes.csv", "notes.jsonl", "notes.parquet"])
@@ -79,7 +95,7 @@ def test_what_is_no_table_is_not_touched(name: str, masks: Path, tmp_path: Path)
     (tmp_path / name).write_text("what was there before\n")
     result = run(app, ["score", str(masks), "--out", str(tmp_path / name)])
     assert result.exit_code == 2
-    assert "is no table that can be resumed: it" in result.stderr
+    assert f"{tmp_path / name} cannot be continued: it" in result.stderr
     assert "--overwrite" in result.stderr
     assert (tmp_path / name).read_text() == "what was there before\n"
     assert sorted(os.listdir(tmp_path)) == ["masks", name]
@@ -164,7 +180,7 @@ def lines(path: Path) -> int:
 @needs_linux
 @pytest.mark.parametrize(("name", "workers"), [("scores.csv", 2), ("scores.parquet", 1)])
 def test_killed_again_and_again_the_table_is_complete(name: str, workers: int, many: Path, tmp_path: Path) -> None:
-    table, growing = tmp_path / name, tmp_path / (name + JOURNAL if name.endswith("parquet") else name)
+    table, growing = tmp_path / name, tmp_path / (name + JOURNAL)
     command = [sys.executable, "-m", "torchlinf", "score", str(many), "--out", str(table), "--workers", str(workers)]
     for count in (1, 40):
         with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
@@ -175,7 +191,7 @@ def test_killed_again_and_again_the_table_is_complete(name: str, workers: int, m
             process.send_signal(signal.SIGKILL)
             assert process.wait(timeout=20) == -signal.SIGKILL
         wait_for(lambda left=workers_left: not any(os.path.exists(f"/proc/{pid}") for pid in left), 20)
-        assert not table.exists() or table == growing
+        assert not table.exists()
         found = [row.path for row in read_table(growing)]
         assert count - 1 <= len(set(found)) == len(found) < 160
     assert subprocess.run(command, check=True, capture_output=True, timeout=100).stdout == b""
@@ -191,7 +207,7 @@ def test_a_killed_worker_costs_nothing(many: Path, tmp_path: Path) -> None:
     table = tmp_path / "scores.csv"
     command = [sys.executable, "-m", "torchlinf", "score", str(many), "--out", str(table), "--workers", "2"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        wait_for(lambda: lines(table) > 10)
+        wait_for(lambda: lines(tmp_path / f"scores.csv{JOURNAL}") > 10)
         spawned = [pid for pid in children(process.pid) if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text()]
         os.kill(spawned[0], signal.SIGKILL)
         assert process.wait(timeout=100) == 0
@@ -219,16 +235,22 @@ def small_disk(tmp_path: Path) -> Iterator[tuple[Path, Callable[[int], None]]]:
 
 
 @pytest.mark.parametrize(
-    ("name", "free"),
-    [("scores.csv", 8), ("scores.parquet", 8), ("scores.parquet", 32)],  # KiB; the last fills up at the end only
+    ("name", "free", "masks"),
+    [("scores.csv", 20, 75), ("scores.csv", 52, 75), ("scores.parquet", 52, 85)],  # KiB; the last two: at the end only
 )
 def test_a_full_disk(
-    name: str, free: int, small_disk: tuple[Path, Callable[[int], None]], many: Path, monkeypatch: pytest.MonkeyPatch
+    name: str,
+    free: int,
+    masks: int,
+    small_disk: tuple[Path, Callable[[int], None]],
+    many: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     disk, enlarge = small_disk
-    monkeypatch.setattr("torchlinf.scoring.score.score_mask", lambda inside: {"pixels": int(inside.sum())})
-    for mask in list(many.iterdir())[90:]:
-        mask.unlink()
+    row = Score("", values=dict.fromkeys(WINDOWS, 0.5), measure=Measure(windows=WINDOWS).settings())
+    monkeypatch.setattr("torchlinf.scoring.score._numbers", lambda inside, _: replace(row, pixels=int(inside.sum())))
+    for path in list(many.iterdir())[masks:]:
+        path.unlink()
     (disk / "ballast").write_bytes(bytes(1024 * (64 - free)))
     command = ["score", str(many), "--out", str(disk / name), "--workers", "1"]
     for _ in range(2):
@@ -237,13 +259,13 @@ def test_a_full_disk(
         assert "cannot be written (" in result.stderr
         assert "No space left on device" in result.stderr
         assert "the same command goes on" in result.stderr
-    held = disk / (name + JOURNAL if name.endswith("parquet") else name)
-    count = len(paths(held))
-    assert count == 90 if free == 32 else 10 < count < 90
-    assert sorted(os.listdir(disk)) == ["ballast", held.name]
+    journal = disk / (name + JOURNAL)
+    count = len(paths(journal))
+    assert count == masks if free == 52 else 10 < count < masks
+    assert sorted(os.listdir(disk)) == ["ballast", journal.name]
     enlarge(256)
     result = run(app, command)
     assert result.exit_code == 0
-    assert f"{count} of 90 masks are in" in result.stderr
+    assert f"{count} of {masks} masks are in" in result.stderr
     assert sorted(paths(disk / name)) == sorted(path.name for path in many.iterdir())
     assert sorted(os.listdir(disk)) == ["ballast", name]

@@ -6,6 +6,7 @@ import io
 import math
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,9 @@ import torch
 from PIL import Image
 
 import torchlinf
-from torchlinf import shapes
-from torchlinf.scoring import Score, Source, find_masks, score_mask, score_masks
+from torchlinf import ComplexityProfile, Measure, complexity, shapes
+from torchlinf.scoring import Score, Source, find_masks, score_mask, score_masks, score_source
+from torchlinf.scoring import score as score_module
 from torchlinf.scoring.rows import csv_line
 
 
@@ -96,7 +98,7 @@ def test_names_that_are_no_text(tmp_path: Path) -> None:
     save(Path(os.fsdecode(path)), noise(0, 5, 7))
     (row,) = score_masks(find_masks([tmp_path]))
     assert row.error is None
-    assert next(csv.reader(io.StringIO(csv_line(row))))[0] == f"{tmp_path}/caf\\xe9,\n.png"
+    assert next(csv.reader(io.StringIO(csv_line(row.cells().values()))))[0] == f"{tmp_path}/caf\\xe9,\n.png"
     row.path.encode()
 
 
@@ -112,9 +114,65 @@ def test_a_row_says_what_the_core_says(size: tuple[int, ...]) -> None:
     assert row["complexity_low"] == float(profile.mean(0, 0.25))
     assert row["complexity_high"] == float(profile.mean(0.25, 1))
     assert row["peak"] == float(levels.max()) == float(levels[math.ceil(row["peak_scale"] * len(levels) - 1e-9) - 1])
-    assert 0 <= row["error_bound"] <= 1e-9
+    assert 0 <= row["field_error_bound"] <= 1e-9
     assert tuple(row[name] for name in ("depth", "height", "width")[-mask.ndim :]) == mask.shape
-    assert ("depth" in row) == (mask.ndim == 3)
+    assert (row["depth"] is None) == (mask.ndim == 2)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"low": 0.1, "high": 0.6},
+        {"windows": None},
+        {"windows": {"fine": (0, 0.25), "all": (0, 1)}, "bins": 64},
+        {"estimator": "std", "rho": 3.5, "tol": 1e-6, "high": 0.5},
+    ],
+)
+def test_every_function_takes_the_options_of_the_measure(options: dict[str, object], tmp_path: Path) -> None:
+    mask = noise(3, 13, 22)
+    source = find_masks([save(tmp_path / "a.png", mask)])[0]
+    measure = Measure(**options)
+    plain = {name: value for name, value in options.items() if name != "windows"}
+    expected = {
+        name: complexity(torch.from_numpy(mask), spatial_ndim=2, **plain | {"low": low, "high": high}).item()
+        for name, (low, high) in measure.named_windows().items()
+    }
+    row = score_source(source, **options)
+    assert row.values == expected
+    assert list(expected) == (["fine", "all"] if options.get("windows") else ["complexity"])
+    assert row.measure == measure.settings()
+    assert row.version == torchlinf.__version__
+    assert [untimed(one) for one in score_masks([source], **options)] == [untimed(row)]
+    numbers = score_mask(mask, **options)
+    assert {name: numbers[name] for name in expected} == expected
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"bins": 0}, ValueError, "bins must be an integer of 1 or more; got 0"),
+        ({"rho": torch.tensor([1.0])}, TypeError, "rho must be None or one number here; got a tensor"),
+        ({"windows": {"pixels": (0, 1)}}, ValueError, "windows must have names that no other column has; got 'pixels'"),
+        ({"windows": {"a": (0, 1)}, "low": 0.5}, ValueError, "windows must stand instead of low and high"),
+        ({"colour": "red"}, TypeError, "colour is not an option here"),
+    ],
+)
+def test_wrong_options_are_no_rows(options: dict[str, object], error: type, words: str, tmp_path: Path) -> None:
+    source = find_masks([save(tmp_path / "a.png", noise(0, 5, 7))])[0]
+    for call in (
+        lambda: score_mask(noise(0, 5, 7), **options),
+        lambda: score_masks([source], **options),
+        lambda: score_source(source, **options),
+    ):
+        with pytest.raises(error, match=words):
+            call()
+
+
+def test_settings_of_reading_are_checked() -> None:
+    with pytest.raises(TypeError, match="threshold must be None or a number; got '127'"):
+        score_masks([], threshold="127")
+    with pytest.raises(ValueError, match="max_pixels must be an integer of 1 or more; got 0"):
+        score_masks([], max_pixels=0)
 
 
 def test_known_rows() -> None:
@@ -143,7 +201,7 @@ def test_every_file_gives_its_row_in_order_whatever_the_workers(tmp_path: Path) 
     assert [os.path.basename(row.path) for row in rows] == [f"{i:02}.png" for i in range(40)]
     assert [i for i, row in enumerate(rows) if row.error] == [7, 23, 31]
     assert all(row.seconds is not None and row.seconds > 0 for row in rows)
-    assert len({row.complexity for row in rows}) > 30
+    assert len({row["complexity"] for row in rows}) > 30
     parallel = score_masks(iter(find_masks([tmp_path])), workers=3)
     assert [untimed(row) for row in parallel] == [untimed(row) for row in rows]
 
@@ -151,18 +209,21 @@ def test_every_file_gives_its_row_in_order_whatever_the_workers(tmp_path: Path) 
 def test_a_mask_without_foreground_says_so(tmp_path: Path) -> None:
     (row,) = score_masks(find_masks([save(tmp_path / "black.png", np.zeros((4, 6), dtype=bool))]))
     assert (row.height, row.width, row.pixels, row.radius, row.components) == (4, 6, 0, 0, 0)
-    assert row.complexity is None
+    assert set(row.values.values()) == {None}
+    assert row.version == torchlinf.__version__
     assert "no foreground" in row.error
 
 
 @pytest.mark.parametrize("error", [RuntimeError("field 0\ndid not converge"), MemoryError(), ZeroDivisionError("?")])
 def test_the_unexpected_is_a_row_too(error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail_on_the_second(mask: np.ndarray) -> dict[str, object]:
-        if mask.shape == (5, 8):
-            raise error
-        return score_mask(mask)
+    real = score_module.ragged_profile
 
-    monkeypatch.setattr("torchlinf.scoring.score.score_mask", fail_on_the_second)
+    def fail_on_the_second(mask_at: Callable[[int], np.ndarray], count: int, measure: Measure) -> ComplexityProfile:
+        if mask_at(0).shape == (5, 8):
+            raise error
+        return real(mask_at, count, measure)
+
+    monkeypatch.setattr(score_module, "ragged_profile", fail_on_the_second)
     paths = [save(tmp_path / f"{width}.png", noise(width, 5, width)) for width in (7, 8, 9)]
     rows = list(score_masks(find_masks(paths)))
     assert [row.error is None for row in rows] == [True, False, True]
@@ -171,10 +232,10 @@ def test_the_unexpected_is_a_row_too(error: Exception, tmp_path: Path, monkeypat
 
 
 def test_an_interrupt_is_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupt(mask: np.ndarray) -> None:
+    def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("torchlinf.scoring.score.score_mask", interrupt)
+    monkeypatch.setattr(score_module, "ragged_profile", interrupt)
     with pytest.raises(KeyboardInterrupt):
         list(score_masks(find_masks([save(tmp_path / "a.png", noise(0, 5, 7))])))
 
@@ -183,9 +244,9 @@ def test_an_interrupt_is_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 def test_real_silhouettes() -> None:
     rows = {Path(row.path).stem: row for row in score_masks(find_masks([os.environ["TORCHLINF_MPEG7"]]), workers=2)}
     assert len(rows) == 40
-    assert all(row.error is None and row.error_bound <= 1e-9 for row in rows.values())
-    assert rows["bat-10"].complexity == pytest.approx(5.26800, abs=5e-6)
-    assert rows["bat-20"].complexity == pytest.approx(5.61955, abs=5e-6)
+    assert all(row.error is None and row.field_error_bound <= 1e-9 for row in rows.values())
+    assert rows["bat-10"]["complexity"] == pytest.approx(5.26800, abs=5e-6)
+    assert rows["bat-20"]["complexity"] == pytest.approx(5.61955, abs=5e-6)
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from torchlinf.scoring import Score, find_masks, read_table, score_masks, shards
-from torchlinf.scoring.shards import LOST, Options, Part, find_shards, open_folder, read_part, score_shard, tidy
+from torchlinf.scoring import COLUMNS, Score, ScoreOptions, find_masks, read_table, score_masks, score_measure, shards
+from torchlinf.scoring.shards import LOST, Part, find_shards, open_folder, read_part, score_shard, tidy
 
-DEFAULTS = Options()
+DEFAULTS = ScoreOptions()
 
 
 def png(seed: int) -> bytes:
@@ -45,7 +45,7 @@ def untimed(rows: Iterator[Score]) -> list[Score]:
     return sorted((dataclasses.replace(row, seconds=None) for row in rows), key=lambda row: row.path)
 
 
-def score_all(paths: list[Path], out: Path, options: Options = DEFAULTS, run: int = 1000) -> list[Part]:
+def score_all(paths: list[Path], out: Path, options: ScoreOptions = DEFAULTS, run: int = 1000) -> list[Part]:
     shards = find_shards(paths, files=run)
     open_folder(out, shards, options)
     return [score_shard(shard, out, options) for shard in shards]
@@ -57,8 +57,8 @@ def test_archives_are_shards_and_single_files_come_in_runs(tmp_path: Path) -> No
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(b"")
     shards = find_shards([tmp_path, tmp_path / "c.json", tmp_path / "a.tar", tmp_path / "gone.png"], files=2)
-    held = [[os.path.relpath(file.path, tmp_path) for file in shard.files] for shard in shards]
-    assert held == [
+    names = [[os.path.relpath(file.path, tmp_path) for file in shard.files] for shard in shards]
+    assert names == [
         ["a.tar"], ["b/a.tar"], ["b/two words.tar"], ["c.json"], ["1.png", "2.npz"], ["5.gif", "b/3.tif"],
         ["b/4.bmp", "gone.png"],
     ]  # fmt: skip
@@ -103,13 +103,13 @@ def test_rows_are_those_of_the_local_run(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_settings_reach_the_masks(tmp_path: Path) -> None:
-    for options in (Options(threshold=0.5, invert=True), Options(max_pixels=11 * 17 - 1)):
+    for options in (ScoreOptions(0.5, True), ScoreOptions(max_pixels=11 * 17 - 1, measure=score_measure({"bins": 64}))):
         out = tmp_path / f"out{options.invert}"
         score_all([tar(tmp_path / "a.tar", 2)], out, options)
-        expected = untimed(score_masks(find_masks([tmp_path / "a.tar"]), **options.reading))
+        expected = untimed(score_masks(find_masks([tmp_path / "a.tar"]), **options.reading, **options.measuring))
         assert untimed(read_table(out)) == expected
     assert "limit" in expected[0].error
-    score_all([tar(tmp_path / "b.tar", 12)], tmp_path / "some", Options(members="*1.png"))
+    score_all([tar(tmp_path / "b.tar", 12)], tmp_path / "some", ScoreOptions(members="*1.png"))
     assert [row.path.rsplit(":")[-1] for row in untimed(read_table(tmp_path / "some"))] == ["001.png", "011.png"]
 
 
@@ -121,8 +121,8 @@ def test_what_is_there_is_not_done_again(tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / "out" / first[0].name).unlink()
     b.write_bytes(b.read_bytes()[:-3])
     scored = []
-    score = shards.score_masks
-    monkeypatch.setattr(shards, "score_masks", lambda *a, **k: scored.append(1) or score(*a, **k))
+    score = shards.score_each
+    monkeypatch.setattr(shards, "score_each", lambda *a, **k: scored.append(1) or score(*a, **k))
     again = score_all(paths, tmp_path / "out", run=4)
     assert len(scored) == 2
     assert [part.seconds > 0 for part in again] == [True, True, False, False]
@@ -135,7 +135,7 @@ def test_what_is_there_is_not_done_again(tmp_path: Path, monkeypatch: pytest.Mon
 def test_an_archive_without_masks_is_done_too(tmp_path: Path) -> None:
     (part,) = score_all([tar(tmp_path / "a.tar", 0)], tmp_path / "out")
     assert (part.masks, part.failed) == (0, 0)
-    assert read_part(tmp_path / "out" / part.name) == dataclasses.replace(part, seconds=0.0)
+    assert read_part(tmp_path / "out" / part.name, COLUMNS) == dataclasses.replace(part, seconds=0.0)
     assert list(read_table(tmp_path / "out")) == []
 
 
@@ -144,14 +144,14 @@ def test_a_part_of_another_version_is_made_again(tmp_path: Path) -> None:
     import pyarrow.parquet
 
     pyarrow.parquet.write_table(pyarrow.table({"path": ["a.png"]}), tmp_path / "old.parquet")
-    assert read_part(tmp_path / "old.parquet") is None
-    assert read_part(tmp_path / "gone.parquet") is None
+    assert read_part(tmp_path / "old.parquet", COLUMNS) is None
+    assert read_part(tmp_path / "gone.parquet", COLUMNS) is None
 
 
 def test_a_marker_of_a_lost_worker_isolates_the_masks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
-    score = shards.score_masks
-    monkeypatch.setattr(shards, "score_masks", lambda *a, **k: seen.append(k["isolated"]) or score(*a, **k))
+    score = shards.score_each
+    monkeypatch.setattr(shards, "score_each", lambda *a, **k: seen.append(k["isolated"]) or score(*a, **k))
     (shard,) = find_shards([tar(tmp_path / "a.tar", 2)])
     rows = []
     for lost in (0, LOST - 1):
@@ -213,7 +213,9 @@ def test_a_folder_holds_one_set_of_masks_in_one_way(tmp_path: Path) -> None:
     score_all(paths, out)
     score_all([*paths, tar(tmp_path / "b.tar", 2)], out)  # more archives change no other part
     with pytest.raises(ValueError, match=r'other settings.*"invert": false.*got.*"invert": true.*Pass the same'):
-        score_all(paths, out, Options(invert=True))
+        score_all(paths, out, ScoreOptions(invert=True))
+    with pytest.raises(ValueError, match=r'other settings.*"bins": 1024.*got.*"bins": 64.*Pass the same'):
+        score_all(paths, out, ScoreOptions(measure=score_measure({"bins": 64})))
     (tmp_path / "single" / "more.png").write_bytes(png(7))
     with pytest.raises(ValueError, match=r"1 part\(s\) of another list of files, such as files-.*Pass another folder"):
         score_all(paths, out)

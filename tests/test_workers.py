@@ -1,15 +1,19 @@
 """Workers: order, killed workers, and that none outlives a killed run."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 
 import pytest
 
+from torchlinf._parallel import Cancelled, for_each
 from torchlinf.scoring import workers
 from torchlinf.scoring.workers import FEW, NoWorkersError, in_order
 
@@ -71,6 +75,55 @@ def test_a_worker_that_is_killed_by_chance_costs_nothing() -> None:
     assert len(rest) == 3 * FEW - 1
     # The task that it worked on at that moment is tried again.
     assert -1.0 not in rest
+
+
+def test_threads_end_with_the_iterator() -> None:
+    """What they solve is given up at its next check: a thread cannot be interrupted from outside."""
+    given_up = []
+
+    def endless(task: int) -> int:
+        def turn(_: int, check: Callable[[], None]) -> None:
+            try:
+                while task > 1:
+                    check()
+                    time.sleep(0.001)
+            except Cancelled:
+                given_up.append(task)
+                raise
+
+        for_each(turn, 1)
+        return task
+
+    found = in_order(endless, iter(range(20)), workers=2, seconds=float, died=abs)
+    assert [next(found), next(found)] == [0, 1]
+    start = time.monotonic()
+    found.close()
+    assert time.monotonic() - start < 5
+    assert given_up  # one of the two may not have begun
+    assert set(given_up) <= {2, 3}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal as POSIX does")
+def test_processes_end_with_the_iterator() -> None:
+    found = in_order(partial(slow, 100), iter(range(5)), workers=2, seconds=float, died=abs, isolated=True)
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), interrupted_after(3):
+        next(found)
+    assert time.monotonic() - start < 60
+    assert not multiprocessing.active_children()
+
+
+@contextmanager
+def interrupted_after(seconds: float) -> Iterator[None]:
+    """Ctrl-C after a while."""
+    timer = threading.Timer(seconds, os.kill, [os.getpid(), signal.SIGINT])
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        signal.signal(signal.SIGINT, before)
 
 
 def test_a_main_script_without_a_guard_is_told_so(tmp_path) -> None:

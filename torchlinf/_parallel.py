@@ -1,14 +1,32 @@
 """Threads over shapes: kernels release the GIL, and a pool lives only as long as one call, so forks are safe."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 
 import torch
 
 
 class Cancelled(Exception):
     """Raised inside a worker that should stop, since another one failed or the user interrupted."""
+
+
+_scope = threading.local()
+
+
+@contextmanager
+def cancelled_by(stop: threading.Event) -> Iterator[None]:
+    """Within this context, `for_each` on this thread raises `Cancelled` soon after `stop` is set.
+
+    A thread cannot be interrupted from outside. With this, a program that is stopped need not wait for its threads.
+    """
+    before = getattr(_scope, "stop", None)
+    _scope.stop = stop
+    try:
+        yield
+    finally:
+        _scope.stop = before
 
 
 def for_each(task: Callable[[int, Callable[[], None]], None], count: int) -> None:
@@ -18,15 +36,17 @@ def for_each(task: Callable[[int, Callable[[], None]], None], count: int) -> Non
     exception of a task is raised here.
     """
     threads = min(torch.get_num_threads(), count)
-    if threads <= 1:
-        for i in range(count):
-            task(i, lambda: None)
-        return
+    outer: threading.Event | None = getattr(_scope, "stop", None)
     stop = threading.Event()
 
     def check() -> None:
-        if stop.is_set():
+        if stop.is_set() or (outer is not None and outer.is_set()):
             raise Cancelled
+
+    if threads <= 1:
+        for i in range(count):
+            task(i, check)
+        return
 
     with ThreadPoolExecutor(threads) as pool:
         futures = [pool.submit(task, i, check) for i in range(count)]
@@ -43,3 +63,4 @@ def for_each(task: Callable[[int, Callable[[], None]], None], count: int) -> Non
     for future in futures:
         if not future.cancelled() and not isinstance(future.exception(), Cancelled):
             future.result()
+    check()

@@ -105,11 +105,11 @@ def turn(done: Iterator[Clock], masks: int) -> Worker:
     began, parent = time.perf_counter(), time.process_time()
     clocks = list(islice(done, masks))
     seconds, parent = time.perf_counter() - began, time.process_time() - parent
-    used, found = 0.0, {clock.process for clock in clocks}
-    for process in found:
+    used, processes = 0.0, {clock.process for clock in clocks}
+    for process in processes:
         readings = [clock.used for clock in clocks if clock.process == process]
         used += readings[-1] - readings[0]
-    return Worker(masks / seconds, 1e3 * used / max(1, masks - len(found)), 1e3 * parent / masks)
+    return Worker(masks / seconds, 1e3 * used / max(1, masks - len(processes)), 1e3 * parent / masks)
 
 
 def _seconds(clock: Clock) -> float:

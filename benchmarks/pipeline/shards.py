@@ -14,10 +14,19 @@ import numpy as np
 from PIL import Image
 
 from benchmarks import shapes
-from torchlinf.scoring import Source, find_masks, read_source, score_mask, score_masks
-from torchlinf.scoring.distributed import connected, score_shards
+from torchlinf.scoring import (
+    COLUMNS,
+    ScoreOptions,
+    Source,
+    find_masks,
+    read_source,
+    score_mask,
+    score_masks,
+    write_table,
+)
+from torchlinf.scoring.ray import connected, score_shards
 from torchlinf.scoring.readers import read_values
-from torchlinf.scoring.shards import Options, Part, find_shards, score_shard, write_part
+from torchlinf.scoring.shards import Part, find_shards, score_shard
 
 
 @dataclass(frozen=True)
@@ -68,12 +77,12 @@ def write(folder: Path, count: int, side: int, shards: int) -> float:
     """Silhouettes, turned and cut off at random so that no two are the same; mean pixels inside."""
     folder.mkdir()
     generator = np.random.default_rng(0)
-    found = [shape.mask.numpy() for shape in shapes.silhouettes(40)]
+    masks = [shape.mask.numpy() for shape in shapes.silhouettes(40)]
     inside = 0
     for number, part in enumerate(np.array_split(np.arange(count), shards)):
         with tarfile.open(folder / f"{number:05}.tar", "w") as archive:
             for index in part:
-                mask = _frame(found[index % len(found)], side, generator.uniform(0, 360))
+                mask = _centred(masks[index % len(masks)], side, generator.uniform(0, 360))
                 inside += int(mask.sum())
                 content = io.BytesIO()
                 Image.fromarray(mask).save(content, "PNG")
@@ -84,7 +93,7 @@ def write(folder: Path, count: int, side: int, shards: int) -> float:
     return inside / count
 
 
-def _frame(mask: np.ndarray, side: int, angle: float) -> np.ndarray:
+def _centred(mask: np.ndarray, side: int, angle: float) -> np.ndarray:
     """A silhouette that fills an image of this side, turned."""
     image = Image.fromarray(np.where(mask, 255, 0).astype(np.uint8)).rotate(angle, expand=True)
     image = image.crop(image.getbbox())
@@ -103,26 +112,26 @@ def _stages(paths: list[Path], root: Path, rounds: int) -> list[Stage]:
     runs: dict[str, tuple[int, Callable[[], object]]] = {
         "list": (len(sources), lambda: find_masks(paths)),
         "read": (len(sources), lambda: [_bytes(source) for source in sources]),
-        "read and decode": (len(sample), lambda: [read_values(s.path, s.member, 2**26, s.place) for s in sample]),
+        "read and decode": (len(sample), lambda: [read_values(s.path, s.member, 2**26, s.data) for s in sample]),
         "score": (len(masks), lambda: [score_mask(mask) for mask in masks]),
-        "write": (len(rows), lambda: write_part(root / "stage.parquet", rows)),
+        "write": (len(rows), lambda: write_table(root / "stage.parquet", rows, columns=COLUMNS)),
     }
     times = {name: [_cpu(of) / count for _ in range(rounds)] for name, (count, of) in runs.items()}
-    return [Stage(name, 1e3 * float(np.median(found)), 1e3 * min(found)) for name, found in times.items()]
+    return [Stage(name, 1e3 * float(np.median(each)), 1e3 * min(each)) for name, each in times.items()]
 
 
 def _bytes(source: Source) -> bytes:
     with source.path.open("rb") as file:
-        file.seek(source.place.offset)
-        return file.read(source.place.size)
+        file.seek(source.data.offset)
+        return file.read(source.data.size)
 
 
 def _local(paths: list[Path], out: Path) -> float:
     """All shards, one after the other, in this process."""
-    found = find_shards(paths)
+    pieces = find_shards(paths)
     out.mkdir()
     parts: list[Part] = []
-    seconds = _cpu(lambda: parts.extend(score_shard(shard, out, Options()) for shard in found))
+    seconds = _cpu(lambda: parts.extend(score_shard(shard, out, ScoreOptions()) for shard in pieces))
     return 1e3 * seconds / sum(part.masks for part in parts)
 
 
@@ -153,9 +162,9 @@ def _cpu_of_all() -> tuple[float, float]:
             values = (entry / "stat").read_text().rpartition(")")[2].split()
             pid, ticks[int(entry.name)] = int(entry.name), int(values[11]) + int(values[12])
             parents[pid], titles[pid] = int(values[1]), (entry / "cmdline").read_bytes()
-    found = {os.getpid()}
-    while new := {child for child, parent in parents.items() if parent in found} - found:
-        found |= new
-    workers = {pid for pid in found if titles.get(pid, b"").startswith(b"ray::") and b"Agent" not in titles[pid]}
+    tree = {os.getpid()}
+    while new := {child for child, parent in parents.items() if parent in tree} - tree:
+        tree |= new
+    workers = {pid for pid in tree if titles.get(pid, b"").startswith(b"ray::") and b"Agent" not in titles[pid]}
     second = os.sysconf("SC_CLK_TCK")
-    return sum(ticks[pid] for pid in workers) / second, sum(ticks.get(pid, 0) for pid in found - workers) / second
+    return sum(ticks[pid] for pid in workers) / second, sum(ticks.get(pid, 0) for pid in tree - workers) / second

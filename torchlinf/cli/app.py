@@ -1,17 +1,22 @@
-"""The command `torchlinf`: scores of masks as a table, two tables compared, orders, and profiles as a picture."""
+"""The command `torchlinf`: scores of masks as a table, two tables compared, orders, and profiles as a picture.
+
+The files of the subcommands import torch, and what needs it, inside their functions only, so that `--help` and
+`--version` answer at once.
+"""
 
 import logging
 import os
 import sys
 import warnings
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated
 
 import typer
 
 from torchlinf import __version__
-from torchlinf.cli import compare, order, profile, score
-from torchlinf.cli.outputs import INTERRUPTED, PIPE_CLOSED, WRONG
+from torchlinf.cli import compare, order, profile, score, warm_up
+from torchlinf.cli.outputs import PIPE_CLOSED
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -24,25 +29,40 @@ app.command(epilog=score.EPILOG)(score.score)
 app.command(epilog=compare.EPILOG)(compare.compare)
 app.command(epilog=profile.EPILOG)(profile.profile)
 app.command(epilog=order.EPILOG)(order.order)
+app.command()(warm_up.warm_up)
 
 
 def main() -> None:
     """Run the command; the entry point of the package."""
-    # What is odd about a file is said in its row, if it matters.
-    warnings.filterwarnings("ignore", module=r"PIL\.")
-    logging.getLogger("tifffile").disabled = True
-    # After a kill, multiprocessing's helper removes what is left of the workers' queues. It need not report that.
-    sys.warnoptions.append("ignore::UserWarning:multiprocessing.resource_tracker")
     try:
-        app()
+        with _quiet():
+            app()
     except SystemExit as stop:
-        if stop.code in (WRONG, INTERRUPTED, PIPE_CLOSED):
-            # An ordinary exit would first wait for the masks that other threads are still solving.
-            with suppress(OSError):
-                sys.stdout.flush()
-                sys.stderr.flush()
-            os._exit(int(stop.code))
+        if stop.code == PIPE_CLOSED:
+            # Python flushes standard output once more at its end, and would report that nobody reads it.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep what other libraries report off the terminal, in the command's own process and only while it runs.
+
+    What is odd about a file is said in its row, if it matters. Pillow and tifffile have no other switch than these
+    global ones. The same holds for the helper process of multiprocessing, which after a kill removes what is left of
+    the workers' queues, and would report that.
+    """
+    tifffile, tracker = logging.getLogger("tifffile"), "ignore::UserWarning:multiprocessing.resource_tracker"
+    disabled = tifffile.disabled
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module=r"PIL\.")
+        tifffile.disabled = True
+        sys.warnoptions.append(tracker)
+        try:
+            yield
+        finally:
+            sys.warnoptions.remove(tracker)
+            tifffile.disabled = disabled
 
 
 def _print_version(wanted: bool) -> None:
@@ -57,4 +77,4 @@ def _options(
         bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Multi-scale complexity of shapes, with a certified error."""
+    """Multi-scale complexity of shapes, from fields with a certified error."""

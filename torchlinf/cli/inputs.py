@@ -3,19 +3,21 @@
 from pathlib import Path
 
 import typer
-from rich.console import Console
 
-from torchlinf.cli.outputs import fail
 from torchlinf.scoring import SUFFIXES, Source, find_masks
 
 
 def find_sources(paths: list[Path], members: str | None = None) -> list[Source]:
-    """Find the masks that paths stand for, or end the command because there are none or an extra is missing."""
-    try:
-        with Console(stderr=True).status("looking for masks"):
-            sources = find_masks(paths, members=members)
-    except ImportError as error:
-        fail(str(error))
+    """Find the masks that paths stand for.
+
+    Raises:
+        typer.BadParameter: there are none.
+        ImportError: an extra that they need is missing.
+    """
+    from rich.console import Console
+
+    with Console(stderr=True).status("looking for masks"):
+        sources = find_masks(paths, members=members)
     if not sources:
         known = f"looked for {' '.join((*SUFFIXES, '.tar'))}"
         if members is not None:

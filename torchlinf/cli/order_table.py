@@ -3,32 +3,38 @@
 import csv
 import io
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from torchlinf import __version__
+from torchlinf.measure import ComplexityProfile
 from torchlinf.order import Node, chains, hasse_diagram, incomparable_pairs, largest_antichain, longest_chain
 
 if TYPE_CHECKING:
     from networkx import DiGraph
 
 Row: TypeAlias = dict[str, Any]
+Profiles: TypeAlias = Mapping[str, ComplexityProfile]
 
 
-def order_rows(order: "DiGraph") -> Iterator[Row]:
+def order_rows(order: "DiGraph", profiles: Profiles) -> Iterator[Row]:
     """Rows of an order, from the lowest rank up, which is the order of the nodes within a rank.
 
     Args:
         order: as `dominance` returns it.
+        profiles: those that it was made of, each of one shape; their measure names the windows.
 
     Yields:
         By the names of the columns: `path`, a name; `rank`, how many shapes the longest chain below has; the mean over
-        each window in bits; `equal`, `above` (one step, without what follows) and `incomparable`, lists of names.
+        each window; `equal`, `above` (one step, without what follows) and `incomparable`, lists of names; and how the
+        shape was measured.
 
-    >>> import networkx as nx
-    >>> order = nx.DiGraph([(("a", "b"), ("c",))], windows={"complexity": (0.0, 1.0)})
-    >>> order.add_nodes_from(order, indicators=(0.5,))
-    >>> next(order_rows(order))
-    {'path': 'a', 'rank': 0, 'complexity': 0.5, 'equal': ['b'], 'above': ['c'], 'incomparable': []}
+    >>> from torchlinf import complexity_profile, shapes
+    >>> from torchlinf.order import dominance
+    >>> masks = {"box": shapes.box(4, 6), "square": shapes.square(4), "disc": shapes.disc(6)}
+    >>> profiles = {name: complexity_profile(mask, spatial_ndim=2) for name, mask in masks.items()}
+    >>> list(next(order_rows(dominance(profiles), profiles)).items())[:5]
+    [('path', 'box'), ('rank', 0), ('complexity', 0.0), ('equal', ['square']), ('above', ['disc'])]
     """
     import networkx as nx
 
@@ -37,21 +43,34 @@ def order_rows(order: "DiGraph") -> Iterator[Row]:
     for a, b in incomparable_pairs(order):
         apart[a] += b
         apart[b] += a
-    columns = list(order.graph["windows"])
     place = {node: i for i, node in enumerate(order)}
     for rank, nodes in enumerate(nx.topological_generations(steps)):
         for node in sorted(nodes, key=place.__getitem__):
             above = [name for other in steps.successors(node) for name in other]
-            means = dict(zip(columns, order.nodes[node]["indicators"], strict=True))
             for name in node:
-                equal = [other for other in node if other != name]
-                related = {"equal": equal, "above": above, "incomparable": apart[node]}
-                yield {"path": name, "rank": rank} | means | related
+                profile = profiles[name]
+                windows = profile.measure.named_windows()
+                yield {
+                    "path": name,
+                    "rank": rank,
+                    **{window: profile.mean(*ends).item() for window, ends in windows.items()},
+                    "equal": [other for other in node if other != name],
+                    "above": above,
+                    "incomparable": apart[node],
+                    "radius": profile.radius.item(),
+                    "field_error_bound": profile.field_error_bound.item(),
+                    "seconds": round(profile.seconds.item(), 6),
+                    "version": __version__,
+                    "measure": profile.measure.settings(),
+                }
 
 
-def as_csv(order: "DiGraph") -> str:
+def as_csv(order: "DiGraph", profiles: Profiles) -> str:
     """The table as CSV; names in one cell stand apart by a semicolon and a space."""
-    rows = [{key: "; ".join(x) if isinstance(x, list) else x for key, x in row.items()} for row in order_rows(order)]
+    rows = [
+        {key: "; ".join(x) if isinstance(x, list) else x for key, x in row.items()}
+        for row in order_rows(order, profiles)
+    ]
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
@@ -59,12 +78,12 @@ def as_csv(order: "DiGraph") -> str:
     return text.getvalue()
 
 
-def as_json_lines(order: "DiGraph") -> str:
+def as_json_lines(order: "DiGraph", profiles: Profiles) -> str:
     """The table as JSON objects, one a line; names in lists."""
-    return "".join(json.dumps(row) + "\n" for row in order_rows(order))
+    return "".join(json.dumps(row) + "\n" for row in order_rows(order, profiles))
 
 
-def print_order(order: "DiGraph") -> None:
+def print_order(order: "DiGraph", profiles: Profiles) -> None:
     """Print the table for people, and below it chains and what cannot be compared."""
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
@@ -72,17 +91,19 @@ def print_order(order: "DiGraph") -> None:
     from rich.table import Table
 
     console = Console(highlight=False)
-    means = [f"t in ({low:g}, {high:g}]" for low, high in order.graph["windows"].values()]
-    table = Table(caption="Mean complexity in bits.", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    measure = next(iter(profiles.values())).measure
+    windows = measure.named_windows()
+    means = [f"t in ({low:g}, {high:g}]" for low, high in windows.values()]
+    table = Table(caption=f"Mean complexity in {measure.unit}.", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("mask", overflow="fold")
     for title in ("rank", *means):
         table.add_column(title, justify="right", no_wrap=True)
     for title in ("equal to", "next above"):
         table.add_column(title, overflow="fold")
-    for row in order_rows(order):
-        path, rank, *values, equal, above, _ = row.values()
-        numbers = (str(rank), *(f"{value:.3f}" for value in values))
-        table.add_row(escape(path), *numbers, *(escape(", ".join(names)) for names in (equal, above)))
+    for row in order_rows(order, profiles):
+        numbers = (str(row["rank"]), *(f"{row[window]:.3f}" for window in windows))
+        names = (escape(", ".join(row[column])) for column in ("equal", "above"))
+        table.add_row(escape(row["path"]), *numbers, *names)
     console.print(table)
     for line in summary(order):
         console.print(escape(line), soft_wrap=True)

@@ -8,12 +8,15 @@ from typing import NoReturn
 
 import typer
 
-from torchlinf.scoring import JOURNAL, SUFFIXES, NoTableError, NoWorkersError, Score, Source, read_table
+from torchlinf.scoring import JOURNAL, SUFFIXES, NoTableError, Score, Source
 
 # 128 + the number of the signal, as a shell reports a program that SIGINT (Ctrl-C) or SIGPIPE (`| head`) ended.
 WRONG, INTERRUPTED, PIPE_CLOSED = 2, 130, 141
 
-STATUS = "Exit status: 0 all fine, 1 some masks failed, 2 wrong usage or an output that cannot be written."
+STATUS = (
+    "Exit status: 0 all fine, 1 some masks failed, 2 wrong usage or an output that cannot be written, 130 stopped by "
+    "Ctrl-C."
+)
 
 
 @contextmanager
@@ -27,16 +30,19 @@ def endings(out: Path | None) -> Iterator[None]:
         raise typer.Exit(INTERRUPTED) from None
     except BrokenPipeError:
         raise typer.Exit(PIPE_CLOSED) from None
-    except (ImportError, NoWorkersError) as error:
+    except ImportError as error:
+        fail(str(error))
+    except RuntimeError as error:
+        from torchlinf.scoring import NoWorkersError
+
+        if not isinstance(error, NoWorkersError):
+            raise
         fail(str(error))
     except NoTableError as error:
-        fail(
-            f"{out} is no table that can be resumed: {error}. It is as it was. Pass another --out, or --overwrite to "
-            "replace it."
-        )
+        fail(f"{out} cannot be continued: {error}. It is as it was. Pass another --out, or --overwrite to replace it.")
     except OSError as error:
         begun = out is not None and any(Path(f"{out}{end}").is_file() for end in ("", JOURNAL))
-        advice = " Rows that are in it are whole, and the same command goes on behind them." if begun else ""
+        advice = " What is scored is kept, and the same command goes on from there." if begun else ""
         fail(f"The table cannot be written ({error.strerror or error}).{advice}")
 
 
@@ -54,13 +60,15 @@ def end_if_failed(failed: int, total: int, advice: str = "") -> None:
 
 
 def load_table(path: Path) -> list[Score]:
-    """Read a table, or end the command with the reason why it is none."""
+    """Read a table, or end the command with the reason why it cannot be read."""
+    from torchlinf.scoring import read_table
+
     try:
         return list(read_table(path))
     except OSError as error:
         fail(f"{path} cannot be read ({error.strerror or error}).")
     except NoTableError as error:
-        fail(f"{path} is no table of `torchlinf score`: {error}.")
+        fail(f"{path} is not a table of `torchlinf score`: {error}.")
     except ImportError as error:
         fail(str(error))
 

@@ -1,26 +1,38 @@
-"""What the commands that write a picture share: its name, the names in it, and the masks."""
+"""What the commands that write a picture share: its name, the names in it, and how it is drawn."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
+from torchlinf._extras import require
 from torchlinf.cli.outputs import fail, folder_problem
-from torchlinf.scoring import Source, UnreadableMaskError, read_source
+from torchlinf.scoring import Source
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def require_matplotlib(command: str) -> None:
-    """End the command with advice if matplotlib is not installed."""
+@contextmanager
+def pictures(command: str) -> Iterator[None]:
+    """Draw without a screen, and close the figures at the end; what was chosen before is chosen again.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+    """
+    require("matplotlib", command, "plot")
+    from matplotlib import get_backend, pyplot
+
+    before, open_before = get_backend(), set(pyplot.get_fignums())
+    pyplot.switch_backend("agg")
     try:
-        import matplotlib
-    except ImportError:
-        fail(f"{command} needs matplotlib. Run: pip install 'torchlinf[plot]'")
-    matplotlib.use("Agg")  # a picture for a file needs no screen
+        yield
+    finally:
+        for number in set(pyplot.get_fignums()) - open_before:
+            pyplot.close(number)
+        pyplot.switch_backend(before)
 
 
 def check_picture(picture: Path, sources: list[Source], most: int) -> None:
@@ -53,11 +65,3 @@ def title(source: Source, sources: list[Source]) -> str:
     short = source.path.stem if source.member is None else f"{source.path.stem}:{source.member}"
     same = [other for other in sources if (other.path.stem, other.member) == (source.path.stem, source.member)]
     return short if len(same) == 1 else source.name
-
-
-def read_shape(source: Source, threshold: float | None, invert: bool, max_pixels: int) -> NDArray[np.bool_]:
-    """Read a mask that has a pixel inside."""
-    inside = read_source(source, threshold=threshold, invert=invert, max_pixels=max_pixels)
-    if not inside.any():
-        raise UnreadableMaskError("no foreground: no pixel is inside")
-    return inside

@@ -1,17 +1,21 @@
 """`torchlinf profile`: a picture of masks and their profiles."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import torch
 import typer
-from rich.console import Console
 
 from torchlinf.cli.inputs import find_sources
+from torchlinf.cli.measure_options import takes_measure
 from torchlinf.cli.options import Invert, MaxPixels, Paths, Threshold
-from torchlinf.cli.outputs import STATUS, fail
-from torchlinf.cli.pictures import check_picture, read_shape, require_matplotlib, save_picture, title
-from torchlinf.scoring import MAX_PIXELS, RULE, UnreadableMaskError
+from torchlinf.cli.outputs import STATUS, endings, fail
+from torchlinf.cli.pictures import check_picture, pictures, save_picture, title
+from torchlinf.scoring import MAX_PIXELS, RULE
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from torchlinf.measure import Measure
 
 # More masks than this leave too little of the page for each.
 MAX_DRAWN = 12
@@ -19,31 +23,41 @@ MAX_DRAWN = 12
 EPILOG = f"{RULE}\n\n{STATUS}"
 
 
+@takes_measure({"complexity": (0.0, 1.0)})
 def profile(
     paths: Paths,
+    *,
     plot: Annotated[Path, typer.Option("--plot", "-p", metavar="FILE", help="The picture to write: PNG, SVG or PDF.")],
     threshold: Threshold = None,
     invert: Invert = False,
     max_pixels: MaxPixels = MAX_PIXELS,
+    measure: "Measure",
 ) -> None:
     """Draw masks with level lines of the field f and of the scale t, and their profiles in one plot."""
-    require_matplotlib("torchlinf profile")
-    sources = find_sources(paths)
-    check_picture(plot, sources, MAX_DRAWN)
-    masks: dict[str, torch.Tensor] = {}
-    for source in sources:
-        try:
-            inside = read_shape(source, threshold, invert, max_pixels)
-            masks[title(source, sources)] = torch.from_numpy(inside)
-        except UnreadableMaskError as error:
-            typer.echo(f"{source.name}: {error}", err=True)
-    if masks:
-        from torchlinf.plot import overview
+    with endings(None), pictures("torchlinf profile"):
+        import torch
+        from rich.console import Console
 
-        with Console(stderr=True).status(f"drawing {len(masks)} masks"):
+        from torchlinf.plot import overview
+        from torchlinf.scoring import UnreadableMaskError, read_source
+
+        sources = find_sources(paths)
+        check_picture(plot, sources, MAX_DRAWN)
+        masks: dict[str, Tensor] = {}
+        for source in sources:
             try:
-                save_picture(overview(masks), plot)
-            except RuntimeError as error:  # a field that does not converge
-                fail(str(error))
+                inside = read_source(source, threshold=threshold, invert=invert, max_pixels=max_pixels)
+                if not inside.any():
+                    raise UnreadableMaskError("no foreground: no pixel is inside")
+                masks[title(source, sources)] = torch.from_numpy(inside)
+            except UnreadableMaskError as error:
+                typer.echo(f"{source.name}: {error}", err=True)
+        if masks:
+            with Console(stderr=True).status(f"drawing {len(masks)} masks"):
+                try:
+                    figure = overview(masks, **measure.options())
+                except RuntimeError as error:  # a field that does not converge
+                    fail(str(error))
+                save_picture(figure, plot)
     if len(masks) < len(sources):
         raise typer.Exit(1)

@@ -2,14 +2,13 @@
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from typing import TYPE_CHECKING
 
-import torch
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from torchlinf.cli.inputs import find_sources
+from torchlinf.cli.measure_options import takes_measure
 from torchlinf.cli.options import (
     AsJson,
     Invert,
@@ -24,13 +23,23 @@ from torchlinf.cli.options import (
     Workers,
 )  # fmt: skip
 from torchlinf.cli.outputs import STATUS, check_out, end_if_failed, endings, refuse_source
-from torchlinf.scoring import COLUMNS, MAX_PIXELS, RULE, open_table, score_masks
+from torchlinf.scoring import COLUMNS, MAX_PIXELS, RULE, WINDOWS
 
-EPILOG = f"{RULE}\n\nColumns: {', '.join(COLUMNS)}.\n\n{STATUS}"
+if TYPE_CHECKING:
+    from torchlinf.measure import Measure
+
+EPILOG = f"""{RULE}
+
+Columns: {", ".join(COLUMNS)}. Instead of the three columns of complexity there is one for each --window, and with --low
+or --high the one column complexity.
+
+{STATUS}"""
 
 
+@takes_measure(WINDOWS)
 def score(
     paths: Paths,
+    *,
     out: Out = None,
     as_json: AsJson = False,
     overwrite: Overwrite = False,
@@ -41,35 +50,38 @@ def score(
     workers: Workers = None,
     max_pixels: MaxPixels = MAX_PIXELS,
     ray: Ray = None,
+    measure: "Measure",
 ) -> None:
     """Score masks: one row of numbers a mask.
 
     Without --out the table goes to the terminal, or as CSV into a pipe. A mask that cannot be scored gives a row that
-    says why, and the rest go on. Masks whose rows are in the table already are not scored again: stopped by Ctrl-C, a
-    kill or a full disk, the same command goes on where it was.
+    says why, and the rest go on. With --out the rows are kept in a journal, FILE.part, until all are there: stopped by
+    Ctrl-C, a kill or a full disk, the same command goes on where it was. Masks whose rows are in the table already are
+    not scored again.
     """
+    from torchlinf.scoring import ScoreOptions, open_table, score_masks
+
+    options = ScoreOptions(threshold, invert, max_pixels, members, measure)
     if ray is not None:
         from torchlinf.cli.score_on_ray import score_on_ray
-        from torchlinf.scoring import Options
 
         if as_json or overwrite or retry:
             raise typer.BadParameter("it always goes on in its folder, of Parquet files", param_hint="--ray")
-        score_on_ray(paths, out, ray, workers or _cores(), Options(threshold, invert, max_pixels, members), _progress)
+        score_on_ray(paths, out, ray, workers or _cores(), options, _progress)
         return
     check_out(out, as_json, overwrite, retry)
-    workers = workers or _cores()
-    torch.set_num_threads(max(1, _cores() // workers))
     failed = 0
     with endings(out):
         sources = find_sources(paths, members)
         refuse_source(out, sources)
-        with open_table(out, as_json=as_json, resume=not overwrite, retry=retry) as put:
+        with open_table(out, as_json=as_json, resume=not overwrite, retry=retry, **options.measuring) as put:
             new = [source for source in sources if source.name not in put.done]
             failed += sum(put.done.get(source.name) is not None for source in sources)
             if before := len(sources) - len(new):
                 typer.echo(f"{before} of {len(sources)} masks are in {out} already.", err=True)
-            with _progress(before, len(sources), shown=out is not None or not as_json) as advance:
-                for row in score_masks(new, threshold=threshold, invert=invert, max_pixels=max_pixels, workers=workers):
+            rows = score_masks(new, workers=workers or _cores(), **options.reading, **options.measuring)
+            with closing(rows), _progress(before, len(sources), shown=out is not None or not as_json) as advance:
+                for row in rows:
                     put(row)
                     failed += row.error is not None
                     advance()
@@ -83,6 +95,9 @@ def _cores() -> int:
 
 @contextmanager
 def _progress(done: int, total: int, shown: bool) -> Iterator[Callable[[], None]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
     columns = (TextColumn("scoring"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not (shown and console.is_terminal)) as progress:

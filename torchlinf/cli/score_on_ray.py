@@ -1,17 +1,16 @@
-"""`torchlinf score --ray`: the command's side of `torchlinf.scoring.distributed`."""
+"""`torchlinf score --ray`: the command's side of `torchlinf.scoring.ray`."""
 
 import logging
 import os
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import typer
 
 from torchlinf.cli.outputs import INTERRUPTED, end_if_failed, fail
-from torchlinf.scoring import Options, Part, find_shards
-from torchlinf.scoring.distributed import connected, score_shards
+from torchlinf.scoring import Part, ScoreOptions, find_shards
+from torchlinf.scoring.ray import connected, score_shards
 
 Progress = Callable[[int, int, bool], AbstractContextManager[Callable[[], None]]]
 
@@ -21,7 +20,7 @@ def score_on_ray(
     out: Path | None,
     address: str,
     workers: int,
-    options: Options,
+    options: ScoreOptions,
     progress: Progress,
 ) -> None:
     """Score masks into a folder of Parquet files; the arguments are those of the command.
@@ -37,11 +36,11 @@ def score_on_ray(
     shards = find_shards(paths)
     if not shards:
         raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}")
-    logging.disable(logging.WARNING)  # Ray reports its own steps, and where it keeps more of them
     parts: list[Part] = []
+    chosen = {**options.reading, **options.measuring, "members": options.members}
     try:
-        with connected(address, workers=workers), progress(0, len(shards), True) as advance:
-            for part in score_shards(shards, out, **asdict(options)):
+        with _quiet(), connected(address, workers=workers), progress(0, len(shards), True) as advance:
+            for part in score_shards(shards, out, **chosen):
                 parts.append(part)
                 advance()
     except KeyboardInterrupt:
@@ -57,6 +56,17 @@ def score_on_ray(
     if before := sum(part.seconds == 0.0 for part in parts):
         typer.echo(f"{before} of {len(parts)} parts were in {out} already.", err=True)
     end_if_failed(sum(part.failed for part in parts), sum(part.masks for part in parts))
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Ray's loggers, which it makes as it goes, report its own steps and where it keeps more of them."""
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        yield
+    finally:
+        logging.disable(before)
 
 
 def _first_line(error: Exception) -> str:

@@ -215,10 +215,11 @@ def names_of(kind: type) -> tuple[str, ...]:
     return tuple(field.name for field in dataclasses.fields(Measure) if field.name in known)
 
 
-def takes(kind: type) -> Callable[[Documented], Documented]:
+def takes(kind: type, **changed: Any) -> Callable[[Documented], Documented]:
     """Write the options of `kind` into the signature of a function or class, and into its docstring at `MARK`.
 
-    Type checkers read the options from `**options: Unpack[kind]`; `help` and editors read what is written here.
+    `changed` are the options whose default is another one there than in `Measure`. Type checkers read the options from
+    `**options: Unpack[kind]`; `help` and editors read what is written here.
 
     >>> @takes(WindowOptions)
     ... def mean(mask, **options):
@@ -230,7 +231,7 @@ def takes(kind: type) -> Callable[[Documented], Documented]:
     >>> inspect.signature(mean)
     <Signature (mask, *, low=0.0, high=1.0, bins=1024, estimator='entropy', rho=None, tol=1e-09)>
     """
-    defaults = {field.name: field.default for field in dataclasses.fields(Measure)}
+    defaults = {field.name: field.default for field in dataclasses.fields(Measure)} | changed
 
     def decorate(target: Documented) -> Documented:
         own = inspect.signature(target).parameters.values()

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Node: TypeAlias = tuple[str, ...]
 
 # The paper's pair of windows: near the boundary, and all of the shape.
-WINDOWS = {"fine": (0.0, 0.25), "all": (0.0, 1.0)}
+WINDOWS = {"complexity_low": (0.0, 0.25), "complexity": (0.0, 1.0)}
 
 
 def dominance(

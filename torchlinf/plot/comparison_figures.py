@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Unpack
 from torch import Tensor
 
 from torchlinf.field import FieldSolution
-from torchlinf.measure import LevelOptions, Measure, takes
+from torchlinf.measure import LevelOptions, Measure, MeasureOptions, takes
 from torchlinf.plot.drawing import TITLES, draw_legend, draw_levels, draw_profile, in_unit, looks, page, shorten
 from torchlinf.plot.solved_shape import refuse_beside, solved_shapes
 
@@ -69,12 +69,12 @@ def shapes(
     return figure
 
 
-@takes(LevelOptions)
+@takes(MeasureOptions)
 def overview(
     masks: Mapping[str, Tensor],
     *,
     solutions: Mapping[str, FieldSolution] | None = None,
-    **options: Unpack[LevelOptions],
+    **options: Unpack[MeasureOptions],
 ) -> "Figure":
     """Draw each mask twice, with level lines of f and of t, and all profiles in one plot below.
 
@@ -101,7 +101,7 @@ def overview(
         >>> [ax.get_title() for ax in figure.axes[1:]]
         ['field f / max f', 'scale t = d / D']
     """
-    measure = Measure.of(options, LevelOptions)
+    measure = Measure.of(options, MeasureOptions)
     if solutions is not None:
         refuse_beside({name: value for name, value in options.items() if name in ("rho", "tol")}, "solution")
     solved = solved_shapes(masks, measure, solutions)
@@ -112,7 +112,8 @@ def overview(
     pairs = top.subfigures(rows, columns, squeeze=False).flat
     for pair, name, look in zip(pairs, masks, looks(len(masks)), strict=False):
         cut = ", deepest slice" if masks[name].ndim == 3 else ""
-        pair.suptitle(f"{shorten(name)}{cut}: {in_unit(profiles[name].mean(), measure)}", fontsize=11)
+        means = (in_unit(profiles[name].mean(*ends), measure) for ends in measure.named_windows().values())
+        pair.suptitle(f"{shorten(name)}{cut}: {', '.join(means)}", fontsize=11)
         slices = solved[name].field_slice(), solved[name].scale_slice()
         left, right = pair.subplots(1, 2, sharey=True)
         for panel, values, title in zip((left, right), slices, TITLES.values(), strict=True):

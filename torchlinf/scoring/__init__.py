@@ -1,49 +1,10 @@
-"""Masks in files and archives in, one row of numbers a mask out. Nothing that is wrong with one stops the others.
+"""Masks in files and archives in, one row of numbers a mask out. A bad mask gives a row with an error.
 
-`scoring.distributed` does the same on many machines; it needs the extra `ray` and is imported by its own name.
+All names are imported at their first use, so that the help of the command needs no torch. The list of them, which type
+checkers read, is `__init__.pyi`. `torchlinf.scoring.ray` does the same on many machines; it needs the extra `ray`, and
+is imported by its own name.
 """
 
-from torchlinf.scoring.compare import COMPARED, Column, Comparison, Join, Pair, compare_scores, write_pairs
-from torchlinf.scoring.mask_rules import MAX_PIXELS, RULE, inside_above, read_mask, read_source
-from torchlinf.scoring.readers import SUFFIXES, UnreadableMaskError
-from torchlinf.scoring.rows import COLUMNS, NoTableError, Score
-from torchlinf.scoring.score import score_mask, score_masks, score_source
-from torchlinf.scoring.shards import Options, Part, Shard, find_shards
-from torchlinf.scoring.sources import Source, find_masks
-from torchlinf.scoring.tables import JOURNAL, open_table, read_table
-from torchlinf.scoring.terminal import print_table
-from torchlinf.scoring.workers import NoWorkersError
+import lazy_loader
 
-__all__ = [
-    "COLUMNS",
-    "COMPARED",
-    "JOURNAL",
-    "MAX_PIXELS",
-    "RULE",
-    "SUFFIXES",
-    "Column",
-    "Comparison",
-    "Join",
-    "NoTableError",
-    "NoWorkersError",
-    "Options",
-    "Pair",
-    "Part",
-    "Score",
-    "Shard",
-    "Source",
-    "UnreadableMaskError",
-    "compare_scores",
-    "find_masks",
-    "find_shards",
-    "inside_above",
-    "open_table",
-    "print_table",
-    "read_mask",
-    "read_source",
-    "read_table",
-    "score_mask",
-    "score_masks",
-    "score_source",
-    "write_pairs",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

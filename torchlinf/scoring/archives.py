@@ -1,4 +1,4 @@
-"""What tar shards hold: the places of their masks, found by the headers alone."""
+"""Masks in tar archives: the byte range of each, read from the headers alone."""
 
 import tarfile
 from collections import Counter
@@ -7,15 +7,15 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-from torchlinf.scoring.byte_ranges import Span
+from torchlinf.scoring.byte_ranges import ByteRange
 from torchlinf.scoring.readers import SUFFIXES
 
 
 class Member(NamedTuple):
-    """A mask in an archive: its name, and where it is or why it is not read."""
+    """A mask in an archive: its name, and its byte range or why it is not read."""
 
     name: str
-    place: Span | None
+    byte_range: ByteRange | None
     error: str | None
 
 
@@ -28,12 +28,12 @@ def tar_masks(path: Path, members: str | None = None) -> Iterator[Member]:
             with a suffix of a mask, as in the layout of WebDataset.
 
     Yields:
-        One entry a member. What is no plain file, or has a name that leads out of the archive, comes with an error; so
-        does a name that was there before, with "#2" and so on after it.
+        One entry a member. A member that is not a plain file, or whose name leads out of the archive, comes with an
+        error. So does the second member of one name, which is called by the name and "#2".
 
     Raises:
         OSError: the archive cannot be opened.
-        tarfile.TarError: it is damaged; what stands before the damage has been yielded.
+        tarfile.TarError: it is damaged; the members before the damage have been yielded.
     """
     seen: Counter[str] = Counter()
     with path.open("rb") as file:
@@ -50,7 +50,7 @@ def tar_masks(path: Path, members: str | None = None) -> Iterator[Member]:
                     yield Member(name, None, "the archive holds another member of this name before")
                     continue
                 error = _problem(info, end)
-                yield Member(info.name, None if error else Span(info.offset_data, info.size), error)
+                yield Member(info.name, None if error else ByteRange(info.offset_data, info.size), error)
             # tarfile takes a damaged header for the end of the archive, which is a block of zeros.
             file.seek(archive.offset)
             if file.read(tarfile.BLOCKSIZE) != bytes(tarfile.BLOCKSIZE):

@@ -8,7 +8,7 @@ from typing import IO, cast
 
 
 @dataclass(frozen=True)
-class Span:
+class ByteRange:
     """Where a part of a file is.
 
     Attributes:
@@ -20,7 +20,7 @@ class Span:
     size: int
 
 
-def open_span(path: Path, span: Span) -> IO[bytes]:
+def open_range(path: Path, span: ByteRange) -> IO[bytes]:
     """Open a part of a file as if it were a file of its own.
 
     Raises:
@@ -31,7 +31,7 @@ def open_span(path: Path, span: Span) -> IO[bytes]:
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     whole = Path(folder) / "whole"
         ...     _ = whole.write_bytes(b"0123456789")
-        ...     with open_span(whole, Span(3, 4)) as part:
+        ...     with open_range(whole, ByteRange(3, 4)) as part:
         ...         part.read()
         b'3456'
     """
@@ -39,7 +39,7 @@ def open_span(path: Path, span: Span) -> IO[bytes]:
 
 
 class _Window(io.RawIOBase):
-    def __init__(self, path: Path, span: Span) -> None:
+    def __init__(self, path: Path, span: ByteRange) -> None:
         self._file = path.open("rb", buffering=0)
         self._span = span
         self._position = 0

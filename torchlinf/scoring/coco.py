@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from torchlinf._extras import require
 from torchlinf.scoring.readers import UnreadableMaskError
 
 # pycocotools walks along the outline in steps of a fifth of a pixel, wherever it leads.
@@ -35,7 +36,7 @@ class Annotation(NamedTuple):
     """One annotation of a file: its name, and its mask or what is wrong with it."""
 
     name: str
-    place: Outline | None
+    outline: Outline | None
     error: str | None
 
 
@@ -47,7 +48,7 @@ def coco_masks(path: Path) -> Iterator[Annotation]:
         OSError: the file cannot be read.
         UnreadableMaskError: it is not COCO JSON.
     """
-    _require_pycocotools()
+    require("pycocotools.mask", "reading COCO files", "coco")
     try:
         content = json.loads(path.read_bytes())
         sizes = {image["id"]: (image["height"], image["width"]) for image in content["images"]}
@@ -58,22 +59,22 @@ def coco_masks(path: Path) -> Iterator[Annotation]:
         ) from error
     seen: set[str] = set()
     for annotation in annotations:
-        found = _annotation(annotation, sizes)
-        if found.name in seen:
-            name = next(new for number in count(2) if (new := f"{found.name}#{number}") not in seen)
-            found = Annotation(name, None, "the file holds another annotation of this id before")
-        seen.add(found.name)
-        yield found
+        entry = _annotation(annotation, sizes)
+        if entry.name in seen:
+            name = next(new for number in count(2) if (new := f"{entry.name}#{number}") not in seen)
+            entry = Annotation(name, None, "the file holds another annotation of this id before")
+        seen.add(entry.name)
+        yield entry
 
 
 def draw(outline: Outline, max_pixels: int) -> NDArray[np.bool_]:
-    """Draw a mask in the frame of its image; what lies outside of the image is cut off.
+    """Draw a mask at the size of its image; what lies outside of the image is cut off.
 
     Returns:
         bool (height, width).
 
     Raises:
-        UnreadableMaskError: the image is too large, or the segmentation is none.
+        UnreadableMaskError: the image is too large, or the segmentation is not valid.
 
     Example:
         >>> draw(Outline(2, 3, {"size": [2, 3], "counts": [2, 3, 1]}), max_pixels=6).astype(int)
@@ -116,10 +117,10 @@ def _polygon(points: Any) -> list[float]:
         values = np.zeros(0)
     if values.ndim != 1 or len(values) < 6 or len(values) % 2:
         raise UnreadableMaskError("a polygon must be a list of three or more pairs x, y")
-    if not (np.abs(values) <= FARTHEST).all():  # NaN is not
+    if not (np.abs(values) <= FARTHEST).all():  # false for NaN
         raise UnreadableMaskError(f"a polygon must have finite coordinates of at most {FARTHEST:g} pixels")
-    found: list[float] = values.tolist()
-    return found
+    coordinates: list[float] = values.tolist()
+    return coordinates
 
 
 def _from_runs(counts: Any, height: int, width: int) -> NDArray[np.bool_]:
@@ -147,7 +148,7 @@ def _expand(text: bytes) -> list[int]:
     value = shift = 0
     for digit in (letter - 48 for letter in text):
         if not 0 <= digit < 64 or shift > 60:
-            raise UnreadableMaskError("compressed run lengths hold a character, or a number, that is none")
+            raise UnreadableMaskError("compressed run lengths hold a character or a number that is not valid")
         value |= (digit & 31) << shift
         shift += 5
         if not digit & 32:
@@ -157,12 +158,3 @@ def _expand(text: bytes) -> list[int]:
     if shift:
         raise UnreadableMaskError("compressed run lengths end within a number")
     return runs
-
-
-def _require_pycocotools() -> None:
-    try:
-        import pycocotools.mask  # noqa: F401
-    except ImportError as error:
-        raise ImportError(
-            "Masks of COCO files need pycocotools, which is not installed. Run: pip install 'torchlinf[coco]'"
-        ) from error

@@ -14,22 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf.scoring.atomic_write import replace_file
-from torchlinf.scoring.rows import Score
-from torchlinf.scoring.terminal import common_folder
+from torchlinf.scoring.report import common_folder
+from torchlinf.scoring.rows import KINDS, WINDOWS, Score, columns
 
 Join = Literal["path", "folder", "name", "stem"]
-Column = Literal[
-    "complexity",
-    "complexity_low",
-    "complexity_high",
-    "peak",
-    "peak_scale",
-    "pixels",
-    "radius",
-    "components",
-    "seconds",
-]
-
 COMPARED = "compared"
 
 
@@ -76,8 +64,8 @@ class Comparison:
     @cached_property
     def numbers(self) -> NDArray[np.float64]:
         """Old and new numbers, (2, N)."""
-        found = [(pair.old, pair.new) for pair in self.pairs if pair.status == COMPARED]
-        return np.array(found, dtype=np.float64).reshape(-1, 2).T
+        numbers = [(pair.old, pair.new) for pair in self.pairs if pair.status == COMPARED]
+        return np.array(numbers, dtype=np.float64).reshape(-1, 2).T
 
     @property
     def changes(self) -> NDArray[np.float64]:
@@ -90,9 +78,11 @@ class Comparison:
 
         NaN for fewer than two masks, or if all numbers of a table are equal.
         """
-        old, new = (_ranks(values) for values in self.numbers)
-        spread = old.std() * new.std() if old.size else 0.0
-        return float(((old - old.mean()) * (new - new.mean())).mean() / spread) if spread else np.nan
+        from scipy.stats import spearmanr
+
+        if any(len(np.unique(values)) < 2 for values in self.numbers):
+            return np.nan
+        return float(spearmanr(*self.numbers).statistic)
 
     def largest(self, count: int) -> list[Pair]:
         """The masks that changed most, the largest change first; masks that did not change are left out."""
@@ -101,14 +91,14 @@ class Comparison:
 
 
 def compare_scores(
-    old: Iterable[Score], new: Iterable[Score], *, column: Column = "complexity", join: Join = "path"
+    old: Iterable[Score], new: Iterable[Score], *, column: str = "complexity", join: Join = "path"
 ) -> Comparison:
     """Compare two tables.
 
     Args:
         old: rows of a table, such as `scoring.read_table` gives.
         new: rows of another.
-        column: what to compare.
+        column: what to compare: a column with numbers that both tables have, such as the name of a window.
         join: which rows are the same mask: those with the same "path"; with the same path below the folder that all
             masks of their own table share ("folder"); with the same "name", which is the file's, or the member's in an
             archive and the id in a COCO file; with the same name without its suffix ("stem"),
@@ -121,14 +111,16 @@ def compare_scores(
         ValueError: `column` or `join` is unknown, or does not tell the masks of a table apart.
 
     Example:
-        >>> before = [Score("old/a.png", complexity=2.0), Score("old/b.png", error="empty")]
-        >>> after = [Score("new/a.png", complexity=2.5), Score("new/b.png", complexity=1.0)]
-        >>> found = compare_scores(before, after, join="folder")
-        >>> found.changes, dict(found.counts)
-        (array([0.5]), {'compared': 1, 'failed in old': 1})
+        >>> before = [Score("old/a.png", pixels=20), Score("old/b.png", error="empty")]
+        >>> after = [Score("new/a.png", pixels=25), Score("new/b.png", pixels=10)]
+        >>> comparison = compare_scores(before, after, column="pixels", join="folder")
+        >>> comparison.changes, dict(comparison.counts)
+        (array([5.]), {'compared': 1, 'failed in old': 1})
     """
-    if column not in get_args(Column):
-        raise ValueError(f"column must be one of {', '.join(get_args(Column))}; got {column!r}")
+    old, new = list(old), list(new)
+    known = numeric_columns([*old, *new])
+    if column not in known:
+        raise ValueError(f"column must be one of {', '.join(known)}; got {column!r}")
     if join not in get_args(Join):
         raise ValueError(f"join must be one of {', '.join(get_args(Join))}; got {join!r}")
     before, after = _by_key(old, join, "old"), _by_key(new, join, "new")
@@ -152,28 +144,34 @@ def write_pairs(path: Path, pairs: Iterable[Pair]) -> None:
     replace_file(path, write)
 
 
+def numeric_columns(rows: Iterable[Score]) -> list[str]:
+    """The columns with numbers that all rows have, in the order of the first row; without rows the usual ones."""
+    windows = dict.fromkeys(tuple(row.values) for row in rows) or [tuple(WINDOWS)]
+    shared = [name for name in next(iter(windows)) if all(name in names for names in windows)]
+    return [name for name in columns(shared) if KINDS.get(name, float) is not str]
+
+
 def _pair(key: str, old: Score | None, new: Score | None, column: str) -> Pair:
     failed = [side for side, row in (("old", old), ("new", new)) if row is not None and row.error is not None]
     if old is None or new is None:
         status = "only in new" if old is None else "only in old"
     else:
         status = COMPARED if not failed else f"failed in {'both' if len(failed) == 2 else failed[0]}"
-    return Pair(key, status, *(getattr(row, column) if row and not row.error else None for row in (old, new)))
+    return Pair(key, status, *(row[column] if row and not row.error else None for row in (old, new)))
 
 
-def _by_key(rows: Iterable[Score], join: str, table: str) -> dict[str, Score]:
-    rows = list(rows)
+def _by_key(rows: list[Score], join: str, table: str) -> dict[str, Score]:
     folder = common_folder(rows) if join == "folder" else ""
-    found: dict[str, Score] = {}
+    keyed: dict[str, Score] = {}
     for row in rows:
         key = _key(row.path, join, folder)
-        if key in found:
+        if key in keyed:
             raise ValueError(
                 f"join must tell masks apart; by {join} the {table} table holds {key} more than once "
-                f"({found[key].path}, {row.path}). Join by another of {', '.join(get_args(Join))}"
+                f"({keyed[key].path}, {row.path}). Join by another of {', '.join(get_args(Join))}"
             )
-        found[key] = row
-    return found
+        keyed[key] = row
+    return keyed
 
 
 def _key(path: str, join: str, folder: str) -> str:
@@ -188,9 +186,3 @@ def _key(path: str, join: str, folder: str) -> str:
     # In WebDataset's layout the parts of a sample share what stands before the first dot: a.jpg, a.mask.png.
     in_tar = bool(archive) and archive[-1].lower() == "tar"
     return name.name.split(".")[0] or name.stem if in_tar else name.stem
-
-
-def _ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Ranks from 1; equal values share the mean of theirs."""
-    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
-    return (np.cumsum(counts) - (counts - 1) / 2)[place]

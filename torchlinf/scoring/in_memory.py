@@ -13,7 +13,7 @@ BEGINNINGS = {b"\x93NUMPY": ".npy", b"PK\x03\x04": ".npz", b"II*\0": ".tif", b"M
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class InMemory:
     """A mask in memory.
 
     Attributes:
@@ -25,29 +25,29 @@ class Held:
     spatial_ndim: int = 2
 
 
-def held_values(held: Held, max_pixels: int) -> Values:
-    """The numbers of a mask in memory, as `read_values` has those of a file.
+def values_in_memory(mask: InMemory, max_pixels: int) -> Values:
+    """The numbers of a mask in memory: of the bytes of a file, or of an array.
 
     Raises:
-        UnreadableMaskError: there are none, or they are no mask.
+        UnreadableMaskError: the bytes are no image or array, or the numbers cannot be a mask.
 
     Example:
-        >>> held_values(Held([[0, 1]]), max_pixels=2).array
+        >>> values_in_memory(InMemory([[0, 1]]), max_pixels=2).array
         array([[0, 1]])
     """
-    if isinstance(held.content, bytes):
-        if not held.content:
+    if isinstance(mask.content, bytes):
+        if not mask.content:
             raise UnreadableMaskError("the file is empty (0 bytes)")
-        suffix = next((suffix for start, suffix in BEGINNINGS.items() if held.content.startswith(start)), "")
-        return parse_values(BytesIO(held.content), suffix, max_pixels)
-    array = np.asarray(held.content)
+        suffix = next((suffix for start, suffix in BEGINNINGS.items() if mask.content.startswith(start)), "")
+        return parse_values(BytesIO(mask.content), suffix, max_pixels)
+    array = np.asarray(mask.content)
     if array.dtype.kind not in "buif":
         raise UnreadableMaskError(f"an array must be bool, integer or floating point; got {array.dtype}")
     whole = array.shape
-    while array.ndim > held.spatial_ndim and array.shape[0] == 1:
+    while array.ndim > mask.spatial_ndim and array.shape[0] == 1:
         array = array[0]
-    if array.ndim != held.spatial_ndim or array.size == 0:
-        wanted = "(H, W)" if held.spatial_ndim == 2 else "(D, H, W)"
+    if array.ndim != mask.spatial_ndim or array.size == 0:
+        wanted = "(H, W)" if mask.spatial_ndim == 2 else "(D, H, W)"
         raise UnreadableMaskError(
             f"an array must be {wanted} and hold pixels; got {whole}. Read images as grey, or pass spatial_ndim=3 for "
             "volumes"

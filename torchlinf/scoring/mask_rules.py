@@ -1,4 +1,7 @@
-"""What is inside and what outside: from the numbers in a file to a mask."""
+"""What is inside and what is outside: from the numbers in a file to a mask.
+
+`RULE` states what is inside where no threshold is given, and `inside_above` finds it.
+"""
 
 import os
 from pathlib import Path
@@ -7,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf.scoring.coco import Outline, draw
-from torchlinf.scoring.in_memory import Held, held_values
+from torchlinf.scoring.in_memory import InMemory, values_in_memory
 from torchlinf.scoring.readers import UnreadableMaskError, Values, read_values
 from torchlinf.scoring.sources import Source
 
@@ -58,20 +61,31 @@ def read_mask(
 def read_source(
     source: Source, *, threshold: float | None = None, invert: bool = False, max_pixels: int = MAX_PIXELS
 ) -> NDArray[np.bool_]:
-    """Read one of the masks that `find_masks` found, as `read_mask` does.
+    """Read one of the masks that `find_masks` found.
 
-    Outlines of COCO files are masks already: the threshold does not concern them.
+    Args:
+        source: the mask. Outlines of COCO files are masks already: the threshold does not concern them.
+        threshold: inside is what is greater, in the file's own units; None chooses by `RULE`.
+        invert: swap inside and outside.
+        max_pixels: larger images are refused before memory is taken for them.
+
+    Returns:
+        bool array (H, W) or (D, H, W), True inside; it may be empty or full.
+
+    Raises:
+        UnreadableMaskError: a ValueError: the file is missing, empty, damaged, too large or holds no mask; the message
+            says which.
     """
     if source.error:
         raise UnreadableMaskError(source.error)
-    if isinstance(source.place, Outline):
-        inside = draw(source.place, max_pixels)
+    data = source.data
+    if isinstance(data, Outline):
+        inside = draw(data, max_pixels)
     else:
-        place = source.place
         values = (
-            held_values(place, max_pixels)
-            if isinstance(place, Held)
-            else read_values(source.path, source.member, max_pixels, place)
+            values_in_memory(data, max_pixels)
+            if isinstance(data, InMemory)
+            else read_values(source.path, source.member, max_pixels, data)
         )
         inside = values.array > (inside_above(values) if threshold is None else threshold)
     return ~inside if invert else inside

@@ -14,7 +14,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf.scoring.byte_ranges import Span, open_span
+from torchlinf.scoring.byte_ranges import ByteRange, open_range
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -46,14 +46,15 @@ class Values:
     labels: bool = False
 
 
-def read_values(path: Path, member: str | None, max_pixels: int, place: Span | None = None) -> Values:
+def read_values(path: Path, member: str | None, max_pixels: int, byte_range: ByteRange | None = None) -> Values:
     """Read an image, an .npy array or a member of an .npz archive.
 
     Args:
         path: the file.
-        member: which array of an .npz archive, by name; None if it holds one only. With `place`, the name of the part.
+        member: which array of an .npz archive, by name; None if it holds one only. With `byte_range`, the name of what
+            it holds.
         max_pixels: what holds more numbers than this is refused.
-        place: where in the file the image or array is, if it is a part of it.
+        byte_range: where in the file the image or array is; None if it is the whole file.
 
     Returns:
         The numbers, 2-D or 3-D; leading axes of length 1 are dropped.
@@ -63,10 +64,10 @@ def read_values(path: Path, member: str | None, max_pixels: int, place: Span | N
     """
     try:
         _require_regular(path)
-        if place is None:
+        if byte_range is None:
             with path.open("rb") as file:
                 return parse_values(file, path.suffix, max_pixels, member)
-        with open_span(path, place) as part:
+        with open_range(path, byte_range) as part:
             return parse_values(part, PurePosixPath(member or "").suffix, max_pixels)
     except UnreadableMaskError:
         raise

@@ -1,23 +1,31 @@
-"""One row of the table, and rows as text: to CSV and JSON lines, and back."""
+"""One row of a table of scores: which columns it has, and the row as text."""
 
 import csv
 import io
 import json
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, astuple, dataclass, fields
-from itertools import chain
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any, get_args, get_type_hints
+
+# The windows of scales that a table of scores has if the caller names none: all scales, fine ones, coarse ones.
+WINDOWS: Mapping[str, tuple[float, float]] = {
+    "complexity": (0.0, 1.0),
+    "complexity_low": (0.0, 0.25),
+    "complexity_high": (0.25, 1.0),
+}
 
 
 class NoTableError(ValueError):
-    """A file is no table that `torchlinf score` has written; the message says why, in words."""
+    """A file is not a table that `torchlinf score` has written, or not one of these settings; the message says why."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """One row of the table: what is known of one mask. The fields are the columns, in this order.
+    """One row of a table: what is known of one mask. `row["pixels"]` is the value of a column, by its name.
 
-    A field is None where there is nothing to say: `depth` of a 2-D mask, and of a failed one all that was not reached.
+    A value is None where there is nothing to say: `depth` of a 2-D mask, the complexity of a mask without a pixel
+    inside, and of a mask that failed all that was not reached. In CSV it is an empty cell, in JSON null; pandas reads
+    both as NaN.
 
     Attributes:
         path: the file as it was found, and of a file that holds several masks which one, as in "shard.tar:a/1.png".
@@ -27,14 +35,15 @@ class Score:
         pixels: how many pixels are inside.
         radius: largest chessboard distance D to the outside, pixels.
         components: connected components; pixels that touch at a corner are connected, as they are for the field.
-        complexity: mean over all scales (0, 1], bits.
-        complexity_low: mean over (0, 0.25], bits: small features at the boundary.
-        complexity_high: mean over (0.25, 1], bits: the coarse form.
-        peak: largest value of a level, bits.
+        values: the mean complexity over each window of scales, by the name of the window, in bits (a share of the
+            field's maximum for the estimator "std"). Each name is a column of its own.
+        peak: largest value of a level, in the same unit.
         peak_scale: scale k/D of the first level that reaches it, in (0, 1].
-        error_bound: certified relative error of the field.
+        field_error_bound: certified relative error of the field.
         seconds: time taken to read and score the mask.
         error: what went wrong, in words; None if nothing did.
+        version: the version of torchlinf that scored the mask.
+        measure: how complexity was measured, all options as JSON; see `torchlinf.Measure.settings`.
     """
 
     path: str
@@ -44,36 +53,87 @@ class Score:
     pixels: int | None = None
     radius: int | None = None
     components: int | None = None
-    complexity: float | None = None
-    complexity_low: float | None = None
-    complexity_high: float | None = None
+    values: Mapping[str, float | None] = field(default_factory=dict)
     peak: float | None = None
     peak_scale: float | None = None
-    error_bound: float | None = None
+    field_error_bound: float | None = None
     seconds: float | None = None
     error: str | None = None
+    version: str | None = None
+    measure: str | None = None
+
+    def cells(self) -> dict[str, Any]:
+        """The values of all columns by name, in the order of the columns.
+
+        >>> list(Score("a.png", pixels=3, values={"fine": 0.5}).cells())[4:8]
+        ['pixels', 'radius', 'components', 'fine']
+        """
+        return dict(_named(self))
+
+    def __getitem__(self, column: str) -> Any:
+        """The value of a column."""
+        return self.values[column] if column in self.values else self.cells()[column]
+
+    @classmethod
+    def of(cls, cells: Mapping[str, Any]) -> "Score":
+        """The row that `cells` returns these values for.
+
+        >>> Score.of(Score("a.png", pixels=3, values={"fine": 0.5}).cells()).values
+        {'fine': 0.5}
+        """
+        own = {name: value for name, value in cells.items() if name in KINDS}
+        return cls(**own, values={name: value for name, value in cells.items() if name not in KINDS})
 
 
-COLUMNS = tuple(field.name for field in fields(Score))
-
-# int, float or str, by column.
-KINDS: dict[str, Any] = {name: (get_args(kind) or (kind,))[0] for name, kind in get_type_hints(Score).items()}
-
-
-def csv_header() -> str:
-    """First line of the table: the columns."""
-    return ",".join(COLUMNS) + "\n"
+def _named(row: Score) -> Iterator[tuple[str, Any]]:
+    for one in fields(row):
+        if one.name == "values":
+            yield from row.values.items()
+        else:
+            yield one.name, getattr(row, one.name)
 
 
-def csv_line(row: Score) -> str:
-    r"""One row as CSV: an empty cell for None, numbers in full precision.
+def columns(windows: Iterable[str]) -> tuple[str, ...]:
+    """The columns of a table with windows of these names.
 
-    >>> csv_line(Score("a,b.png", height=3, error="no foreground"))
-    '"a,b.png",3,,,,,,,,,,,,,no foreground\n'
+    >>> columns(["fine"])[6:9]
+    ('components', 'fine', 'peak')
+    """
+    return tuple(Score("", values=dict.fromkeys(windows)).cells())
+
+
+COLUMNS = columns(WINDOWS)
+
+# int, float or str, by column; the windows, which are float, are not in it.
+KINDS: Mapping[str, Any] = {
+    name: (get_args(kind) or (kind,))[0] for name, kind in get_type_hints(Score).items() if name != "values"
+}
+
+
+def window_columns(names: Sequence[str]) -> tuple[str, ...]:
+    """Which of the columns of a table are windows of scales.
+
+    Raises:
+        NoTableError: they are not the columns of a table of scores.
+
+    >>> window_columns(COLUMNS)
+    ('complexity', 'complexity_low', 'complexity_high')
+    """
+    windows = tuple(name for name in names if name not in KINDS)
+    if columns(windows) != tuple(names):
+        raise NoTableError("its columns are not those of a table of scores of this version")
+    return windows
+
+
+def csv_line(cells: Iterable[Any]) -> str:
+    r"""Cells as a line of CSV: an empty cell for None, numbers in full precision.
+
+    >>> csv_line(["a,b.png", 3, None, 0.1])
+    '"a,b.png",3,,0.1\n'
     """
     text = io.StringIO()
     # Before Python 3.13 a carriage return in a cell is quoted only if it ends lines too.
-    csv.writer(text, lineterminator="\r\n").writerow(astuple(row))
+    csv.writer(text, lineterminator="\r\n").writerow(cells)
     return text.getvalue().removesuffix("\r\n") + "\n"
 
 
@@ -83,64 +143,27 @@ def json_line(row: Score) -> str:
     >>> json_line(Score("a.png", height=3))[:32]
     '{"path": "a.png", "height": 3, "'
     """
-    return json.dumps(asdict(row), allow_nan=False) + "\n"
+    return json.dumps(row.cells(), allow_nan=False) + "\n"
 
 
-def parse(lines: Iterable[bytes]) -> Iterator[tuple[Score, int]]:
-    r"""Read a table back, CSV or JSON lines.
-
-    Args:
-        lines: of the file, each with its line break, such as the file itself.
-
-    Yields:
-        Rows, and how many bytes from the start each ends. What was being written when the program was killed, a row
-        without an end, is left out.
+def from_csv(names: Sequence[str], cells: Sequence[str]) -> Score:
+    """The row of a line of CSV, which has been split into cells.
 
     Raises:
-        NoTableError: the columns are others, or a row is none.
-
-    Example:
-        >>> line = csv_line(Score("a.png", height=3)).encode()
-        >>> [(row.path, row.height, end) for row, end in parse([csv_header().encode(), line, line[:5]])]
-        [('a.png', 3, 154)]
+        ValueError: there are more or fewer cells than columns, or a cell is not of the kind of its column.
     """
-    lines, header = iter(lines), csv_header().encode()
-    first = next(lines, b"")
-    as_json = first.startswith(b"{")
-    if not as_json and not header.startswith(first):
-        raise NoTableError("its first line does not name the columns of this version")
-    position = 0 if as_json else len(first)
-    for record in _records(chain([first], lines) if as_json else lines, as_json):
-        position += len(record)
-        try:
-            row = _from_json(record.decode()) if as_json else _from_csv(record.decode())
-        except (ValueError, TypeError, csv.Error) as error:
-            raise NoTableError(f"the row that ends at byte {position} is none ({error})") from error
-        yield row, position
+    named = zip(names, cells, strict=True)
+    return Score.of({name: None if cell == "" else KINDS.get(name, float)(cell) for name, cell in named})
 
 
-def _records(lines: Iterable[bytes], as_json: bool) -> Iterator[bytes]:
-    """Lines, joined where a line break stands within quotes; the last one only if it is whole."""
-    parts: list[bytes] = []
-    quotes = 0
-    for line in lines:
-        parts.append(line)
-        quotes += line.count(b'"')
-        # In JSON lines a line break is always an end; quotes there are escaped with backslashes, and may be odd.
-        if line.endswith(b"\n") and (as_json or quotes % 2 == 0):
-            yield b"".join(parts)
-            parts, quotes = [], 0
+def from_json(line: str) -> Score:
+    """The row of a line of JSON.
 
-
-def _from_csv(record: str) -> Score:
-    (cells,) = csv.reader(io.StringIO(record, newline=""))
-    named = zip(COLUMNS, cells, strict=True)
-    values: dict[str, Any] = {name: None if cell == "" else KINDS[name](cell) for name, cell in named}
-    return Score(**values)
-
-
-def _from_json(record: str) -> Score:
-    row = Score(**json.loads(record))
-    if not isinstance(row.path, str):
-        raise TypeError(f"its path is {row.path!r}")
-    return row
+    Raises:
+        ValueError: the line is not JSON, or not a row of a table of scores.
+    """
+    cells = json.loads(line)
+    if not isinstance(cells, dict) or not isinstance(cells.get("path"), str):
+        raise ValueError("it is not an object with a path")
+    window_columns(tuple(cells))
+    return Score.of(cells)

@@ -1,61 +1,56 @@
-"""Masks in files and archives in, one row of numbers a mask out. Nothing that is wrong with one stops the others."""
+"""Masks in files and archives in, one row of numbers a mask out. A bad mask gives a row with an error."""
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf.measure import Measure, ragged_profile
+from torchlinf import __version__
+from torchlinf._boxes import bounding_box
+from torchlinf.measure import ComplexityProfile, Measure, MeasureOptions, ragged_profile, takes
 from torchlinf.scoring.mask_rules import MAX_PIXELS, read_source
+from torchlinf.scoring.options import ScoreOptions, score_measure
 from torchlinf.scoring.readers import UnreadableMaskError
-from torchlinf.scoring.rows import Score
+from torchlinf.scoring.rows import WINDOWS, Score
 from torchlinf.scoring.sources import Source
 from torchlinf.scoring.workers import in_order
 
-LONGEST = 500  # characters of an error: some quote what they found
+LONGEST = 500  # characters of an error: some quote a part of the file
+EMPTY = "no foreground: no pixel is inside"
 
 
-def score_mask(inside: NDArray[np.bool_]) -> dict[str, Any]:
-    """Numbers of one mask, by the names of the columns of `Score`.
+@takes(MeasureOptions, windows=WINDOWS)
+def score_mask(inside: NDArray[np.bool_], **options: Unpack[MeasureOptions]) -> dict[str, Any]:
+    """Numbers of one mask, by the names of the columns of a table.
 
     Args:
-        inside: bool (H, W) or (D, H, W).
+        inside: bool (H, W) or (D, H, W), True inside; beyond the array is outside.
+        {measure options}
 
     Returns:
-        The columns from `height` to `error_bound`; for a mask without foreground those up to `components`, and `error`.
+        The columns from `height` to `field_error_bound`, with one for each window, and `error`; see `Score`. If `low`
+        or `high` is given, or `windows` is None, the one window is called "complexity". For a mask without a pixel
+        inside `error` says so, and its complexities are None.
 
-    >>> row = score_mask(np.ones((4, 6), dtype=bool))
-    >>> row["pixels"], row["radius"], row["components"], row["complexity"]
-    (24, 2, 1, 0.0)
+    Raises:
+        TypeError: an option is of the wrong type; `rho` must be None or one number.
+        ValueError: an option has a wrong value.
+        RuntimeError: the field could not be solved to `tol`.
+
+    Example:
+        >>> row = score_mask(np.ones((4, 6), dtype=bool))
+        >>> row["pixels"], row["radius"], row["components"], row["complexity"]
+        (24, 2, 1, 0.0)
     """
-    from skimage.measure import label
-
-    sizes = dict(zip(("width", "height", "depth"), reversed(inside.shape), strict=False))
-    pixels = int(np.count_nonzero(inside))
-    if pixels == 0:
-        return sizes | {"pixels": 0, "radius": 0, "components": 0, "error": "no foreground: no pixel is inside"}
-    # Beyond the array is outside, so that empty margins add nothing but work.
-    extents = [np.flatnonzero(inside.any(axis=tuple(set(range(inside.ndim)) - {axis}))) for axis in range(inside.ndim)]
-    shape = np.ascontiguousarray(inside[tuple(slice(extent[0], extent[-1] + 1) for extent in extents)])
-    profile = ragged_profile(lambda _: shape, 1, Measure())
-    peak, peak_scale = profile.peak()
-    return sizes | {
-        "pixels": pixels,
-        "radius": profile.radius.item(),
-        "components": int(label(shape, connectivity=shape.ndim, return_num=True)[1]),  # type: ignore[no-untyped-call]
-        "complexity": profile.mean().item(),
-        "complexity_low": profile.mean(0.0, 0.25).item(),
-        "complexity_high": profile.mean(0.25, 1.0).item(),
-        "peak": peak.item(),
-        "peak_scale": peak_scale.item(),
-        "error_bound": profile.field_error_bound.item(),
-    }
+    row = _numbers(inside, score_measure(options)).cells()
+    return {name: value for name, value in row.items() if name not in ("path", "seconds", "version", "measure")}
 
 
+@takes(MeasureOptions, windows=WINDOWS)
 def score_masks(
     sources: Iterable[Source],
     *,
@@ -64,7 +59,8 @@ def score_masks(
     max_pixels: int = MAX_PIXELS,
     workers: int = 1,
     isolated: bool = False,
-) -> Iterator[Score]:
+    **options: Unpack[MeasureOptions],
+) -> Generator[Score]:
     """Score masks, in the order of the sources.
 
     Args:
@@ -77,10 +73,17 @@ def score_masks(
             `if __name__ == "__main__":` in a script.
         isolated: use processes in any case, so that a mask which ends its process, by its need of memory for example,
             gives a row like any other that fails.
+        {measure options}
 
     Returns:
         An iterator of one row a source, each as soon as it and those before it are done. A mask that fails gives a row
-        with `error`.
+        with `error`. If `low` or `high` is given, or `windows` is None, the one window is called "complexity". Close
+        the iterator, for example by `contextlib.closing`, to end the workers before the last row.
+
+    Raises:
+        TypeError: an option is of the wrong type; `rho` must be None or one number.
+        ValueError: an option has a wrong value.
+        NoWorkersError: a RuntimeError, from the iterator: worker processes do not start.
 
     Example:
         >>> from torchlinf.scoring import find_masks
@@ -88,36 +91,117 @@ def score_masks(
         >>> next(rows).error
         'no such file'
     """
-    work = partial(score_source, threshold=threshold, invert=invert, max_pixels=max_pixels)
-    return in_order(work, sources, workers=workers, seconds=_seconds, died=_died, isolated=isolated)
+    chosen = ScoreOptions(threshold, invert, max_pixels, measure=score_measure(options))
+    return score_each(sources, chosen, workers=workers, isolated=isolated)
 
 
+@takes(MeasureOptions, windows=WINDOWS)
 def score_source(
-    source: Source, *, threshold: float | None = None, invert: bool = False, max_pixels: int = MAX_PIXELS
+    source: Source,
+    *,
+    threshold: float | None = None,
+    invert: bool = False,
+    max_pixels: int = MAX_PIXELS,
+    **options: Unpack[MeasureOptions],
 ) -> Score:
-    """Score one mask; whatever is wrong with it is the row's `error`. Arguments as in `score_masks`."""
+    """Score one mask; whatever is wrong with it is the row's `error`.
+
+    Args:
+        source: one of those that `find_masks` found.
+        threshold: inside is what is greater, in the file's own units; None chooses by `RULE`.
+        invert: swap inside and outside.
+        max_pixels: a larger image is refused.
+        {measure options}
+
+    Raises:
+        TypeError: `source` is not a `Source`, or an option is of the wrong type.
+        ValueError: an option has a wrong value.
+    """
+    return score_one(source, ScoreOptions(threshold, invert, max_pixels, measure=score_measure(options)))
+
+
+def score_each(
+    sources: Iterable[Source], options: ScoreOptions, *, workers: int = 1, isolated: bool = False
+) -> Generator[Score]:
+    """`score_masks` with options that have been checked."""
+    return in_order(
+        partial(score_one, options=options),
+        sources,
+        workers=workers,
+        seconds=_seconds,
+        died=partial(_died, options=options),
+        isolated=isolated,
+    )
+
+
+def score_one(source: Source, options: ScoreOptions) -> Score:
+    """`score_source` with options that have been checked."""
     if not isinstance(source, Source):
         raise TypeError(f"sources must be what find_masks found; got {source!r}. Pass find_masks(paths).")
-    start, row = time.perf_counter(), Score(source.name)
+    start, row = time.perf_counter(), blank_row(source.name, options.measure)
     try:
-        inside = read_source(source, threshold=threshold, invert=invert, max_pixels=max_pixels)
-        row = replace(row, **score_mask(inside))
-    except UnreadableMaskError as error:
-        row = replace(row, error=_one_line(str(error)))
+        numbers = _numbers(read_source(source, **options.reading), options.measure)
+        row = replace(numbers, path=row.path)
     except Exception as error:
         # The others go on, whatever this one met: a field that does not converge, memory that runs out.
-        row = replace(row, error=_one_line(f"{type(error).__name__}: {error}"))
+        row = replace(row, error=error_text(error))
     return replace(row, seconds=round(time.perf_counter() - start, 6))
+
+
+def blank_row(path: str, measure: Measure, error: str | None = None) -> Score:
+    """A row without numbers."""
+    values = dict.fromkeys(measure.named_windows())
+    return Score(path, values=values, error=error, version=__version__, measure=measure.settings())
+
+
+def profile_source(source: Source, options: ScoreOptions) -> tuple[ComplexityProfile, NDArray[np.bool_]]:
+    """Read one mask and measure it at all scales.
+
+    Returns:
+        The profile, of the leading shape (1,), and the mask.
+
+    Raises:
+        UnreadableMaskError: there is no mask, or no pixel is inside.
+        RuntimeError: the field could not be solved.
+    """
+    inside = read_source(source, **options.reading)
+    if not inside.any():
+        raise UnreadableMaskError(EMPTY)
+    return ragged_profile([inside].__getitem__, 1, options.measure), inside
+
+
+def error_text(error: Exception) -> str:
+    """What went wrong with a mask, on one line, not endless, and without characters that no file could hold."""
+    text = str(error) if isinstance(error, UnreadableMaskError) else f"{type(error).__name__}: {error}"
+    return " ".join(text.split())[:LONGEST].encode("utf-8", "backslashreplace").decode()
+
+
+def _numbers(inside: NDArray[np.bool_], measure: Measure) -> Score:
+    """The row of a mask that has been read."""
+    from skimage.measure import label
+
+    row = replace(blank_row("", measure), pixels=int(np.count_nonzero(inside)))
+    row = replace(row, **dict(zip(("width", "height", "depth"), reversed(inside.shape), strict=False)))
+    if not row.pixels:
+        return replace(row, radius=0, components=0, error=EMPTY)
+    shape = np.ascontiguousarray(inside[bounding_box(inside)])
+    profile = ragged_profile([shape].__getitem__, 1, measure)
+    peak, peak_scale = profile.peak()
+    return replace(
+        row,
+        radius=int(profile.radius),
+        components=int(label(shape, connectivity=shape.ndim, return_num=True)[1]),  # type: ignore[no-untyped-call]
+        values={name: profile.mean(*ends).item() for name, ends in measure.named_windows().items()},
+        peak=peak.item(),
+        peak_scale=peak_scale.item(),
+        field_error_bound=profile.field_error_bound.item(),
+    )
 
 
 def _seconds(row: Score) -> float:
     return row.seconds or 0.0
 
 
-def _died(source: Source) -> Score:
-    return Score(source.name, error="the process that scored it was killed or crashed; it may need more memory")
-
-
-def _one_line(text: str) -> str:
-    """The text on one line, not endless, and without characters that no file could hold."""
-    return " ".join(text.split())[:LONGEST].encode("utf-8", "backslashreplace").decode()
+def _died(source: Source, options: ScoreOptions) -> Score:
+    error = "the process that scored it was killed or crashed; it may need more memory"
+    return blank_row(source.name, options.measure, error)

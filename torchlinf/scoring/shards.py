@@ -4,45 +4,28 @@ Whoever works on a shard leaves a marker beside its part, and takes it away at t
 an earlier worker was lost, perhaps by one of the masks: from then on they are scored in a process of their own.
 """
 
-import json
 import os
 import platform
 import re
 import time
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from hashlib import blake2b
-from itertools import islice, tee
+from itertools import tee
 from pathlib import Path
-from typing import Any
 
-from torchlinf.scoring import parquet
 from torchlinf.scoring.atomic_write import replace_file
-from torchlinf.scoring.mask_rules import MAX_PIXELS
-from torchlinf.scoring.rows import COLUMNS, Score
-from torchlinf.scoring.score import score_masks
+from torchlinf.scoring.options import ScoreOptions
+from torchlinf.scoring.rows import Score
+from torchlinf.scoring.score import blank_row, score_each
 from torchlinf.scoring.sources import Source, find_files, open_file
+from torchlinf.scoring.tables import write_table
 
 ARCHIVES = (".tar", ".json")
 FILES = 1000  # single files in a shard
 LOST = 5  # workers that a shard may cost in one run: Ray Data would go on for ever
 RUN = re.compile(r"files-[0-9a-f]+\.parquet$")  # parts of single files
 SETTINGS = "_settings.json"  # readers of Parquet folders pass over names that begin with _ or .
-
-
-@dataclass(frozen=True)
-class Options:
-    """How masks are read: the arguments of `score_masks`, and `members` of `find_masks`."""
-
-    threshold: float | None = None
-    invert: bool = False
-    max_pixels: int = MAX_PIXELS
-    members: str | None = None
-
-    @property
-    def reading(self) -> dict[str, Any]:
-        """What concerns each mask."""
-        return {"threshold": self.threshold, "invert": self.invert, "max_pixels": self.max_pixels}
 
 
 @dataclass(frozen=True)
@@ -113,7 +96,7 @@ def find_shards(paths: Iterable[str | os.PathLike[str]], *, files: int = FILES) 
     return list({shard.part: shard for shard in (Shard(run, folder) for run in runs)}.values())
 
 
-def open_folder(out: Path, shards: Iterable[Shard], options: Options) -> None:
+def open_folder(out: Path, shards: Iterable[Shard], options: ScoreOptions) -> None:
     """Make the folder of the parts, or see that the parts in it are of these masks and settings.
 
     Raises:
@@ -121,7 +104,7 @@ def open_folder(out: Path, shards: Iterable[Shard], options: Options) -> None:
         OSError: it cannot be made or written.
     """
     out.mkdir(parents=True, exist_ok=True)
-    settings, text = out / SETTINGS, json.dumps(asdict(options))
+    settings, text = out / SETTINGS, options.settings()
     before = settings.read_text() if settings.exists() else None
     if before not in (None, text):
         raise ValueError(
@@ -151,29 +134,29 @@ def tidy(out: Path, shards: Iterable[Shard]) -> None:
             (out / name).unlink(missing_ok=True)
 
 
-def read_part(path: Path) -> Part | None:
-    """What is known of a part by its footer; None if it is not there, damaged, or of another version."""
+def read_part(path: Path, columns: Sequence[str]) -> Part | None:
+    """What is known of a part by its footer; None if it is missing, damaged, or has other columns."""
     import pyarrow
     import pyarrow.parquet
 
     try:
         with pyarrow.parquet.ParquetFile(path) as file:
-            if tuple(file.schema_arrow.names) != COLUMNS:
+            if tuple(file.schema_arrow.names) != tuple(columns):
                 return None
             groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
-            sound = sum(group.column(COLUMNS.index("error")).statistics.null_count for group in groups)
+            sound = sum(group.column(columns.index("error")).statistics.null_count for group in groups)
             return Part(path.name, file.metadata.num_rows, file.metadata.num_rows - sound)
     except (pyarrow.ArrowInvalid, OSError):
         return None
 
 
-def score_shard(shard: Shard, out: Path, options: Options, run: str = "") -> Part:
+def score_shard(shard: Shard, out: Path, options: ScoreOptions, run: str = "") -> Part:
     """Score the masks of a shard into its part, unless that is there.
 
     Args:
         shard: what to score.
         out: the folder of the parts.
-        options: how its masks are read.
+        options: how its masks are read and measured.
         run: a word for the run that this belongs to. Workers that other runs lost do not count against the shard:
             they may have been ended with their run.
 
@@ -185,17 +168,17 @@ def score_shard(shard: Shard, out: Path, options: Options, run: str = "") -> Par
         ImportError: there are COCO files, and pycocotools is not installed.
     """
     start, path = time.perf_counter(), out / shard.part
-    if (part := read_part(path)) is not None:
+    if (part := read_part(path, options.columns)) is not None:
         return part
     marker = out / f".{shard.part}.begun"
     before = _begin(marker, run)
     lost = before.count(run)
     try:
-        rows = _rows(shard, options, isolated=bool(before)) if lost < LOST else _given_up(shard, lost)
-        write_part(path, rows)
+        rows = _rows(shard, options, isolated=bool(before)) if lost < LOST else _given_up(shard, options, lost)
+        write_table(path, rows, columns=options.columns)
     finally:
         marker.unlink(missing_ok=True)
-    part = read_part(path)
+    part = read_part(path, options.columns)
     assert part is not None
     return replace(part, seconds=time.perf_counter() - start)
 
@@ -209,31 +192,18 @@ def _begin(marker: Path, run: str) -> list[str]:
     return before
 
 
-def _rows(shard: Shard, options: Options, isolated: bool) -> Iterator[Score]:
-    def found() -> Iterator[tuple[Source, str]]:
+def _rows(shard: Shard, options: ScoreOptions, isolated: bool) -> Iterator[Score]:
+    def named() -> Iterator[tuple[Source, str]]:
         for file in shard.files:
             # Workers may run in other folders; the row names the file as it was given.
             for source in open_file(replace(file, path=Path(shard.folder, file.path)), options.members):
                 yield source, replace(source, path=file.path).name
 
-    sources, names = tee(found())
-    rows = score_masks((source for source, _ in sources), **options.reading, isolated=isolated)
+    sources, names = tee(named())
+    rows = score_each((source for source, _ in sources), options, isolated=isolated)
     return (replace(row, path=name) for row, (_, name) in zip(rows, names, strict=True))
 
 
-def _given_up(shard: Shard, lost: int) -> list[Score]:
+def _given_up(shard: Shard, options: ScoreOptions, lost: int) -> list[Score]:
     error = f"not scored: {lost} workers were killed or crashed in its shard; delete {shard.part} to try again"
-    return [Score(file.name, error=error) for file in shard.files]
-
-
-def write_part(path: Path, rows: Iterable[Score]) -> None:
-    """Write rows as they come, a part of them in memory at a time; the file is there when it is whole."""
-    import pyarrow.parquet
-
-    def write(temporary: Path) -> None:
-        remaining = iter(rows)
-        with pyarrow.parquet.ParquetWriter(temporary, parquet.schema()) as writer:
-            while some := list(islice(remaining, parquet.ROWS)):
-                writer.write_table(parquet.table(some))
-
-    replace_file(path, write)
+    return [blank_row(file.name, options.measure, error) for file in shard.files]

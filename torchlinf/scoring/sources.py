@@ -9,9 +9,9 @@ from glob import has_magic, iglob
 from pathlib import Path
 
 from torchlinf.scoring.archives import tar_masks
-from torchlinf.scoring.byte_ranges import Span
+from torchlinf.scoring.byte_ranges import ByteRange
 from torchlinf.scoring.coco import Outline, coco_masks
-from torchlinf.scoring.in_memory import Held
+from torchlinf.scoring.in_memory import InMemory
 from torchlinf.scoring.readers import SUFFIXES, UnreadableMaskError, arrays_in
 
 
@@ -24,13 +24,14 @@ class Source:
         member: which of the masks in it: the array of an .npz archive that holds several, the member of a tar archive,
             the id of an annotation.
         error: why there is nothing to read, if that is known already.
-        place: where in a tar archive the mask is, what a COCO file says of it, or the mask itself.
+        data: where the mask's data is, if it is not the whole file: a byte range of a tar archive, an outline of a COCO
+            file, or a mask in memory.
     """
 
     path: Path
     member: str | None = None
     error: str | None = None
-    place: Span | Outline | Held | None = None
+    data: ByteRange | Outline | InMemory | None = None
 
     @property
     def name(self) -> str:
@@ -56,12 +57,12 @@ def find_masks(paths: Iterable[str | os.PathLike[str]], *, members: str | None =
     Raises:
         ImportError: there are COCO files, and pycocotools is not installed.
     """
-    found = (source for path in paths for file in _files(Path(path)) for source in open_file(file, members))
-    return list({source.name: source for source in found}.values())
+    sources = (source for path in paths for file in _files(Path(path)) for source in open_file(file, members))
+    return list({source.name: source for source in sources}.values())
 
 
 def find_files(paths: Iterable[str | os.PathLike[str]]) -> Iterator[Source]:
-    """Find the files that paths stand for, as `find_masks`, without looking into them."""
+    """Find the files that paths stand for, without looking into them: archives stay whole."""
     for path in paths:
         yield from _files(Path(path))
 
@@ -71,14 +72,14 @@ def open_file(file: Source, members: str | None = None) -> Iterator[Source]:
     suffix, is_file = file.path.suffix.lower(), os.path.isfile(file.path)  # opening a named pipe would wait for ever
     if file.error is None and is_file and suffix in (".tar", ".json"):
         try:
-            for found in tar_masks(file.path, members) if suffix == ".tar" else coco_masks(file.path):
-                yield Source(file.path, found.name, found.error, found.place)
-        except tarfile.TarError as error:
-            yield Source(file.path, error=f"not an uncompressed tar archive, or a damaged one ({error})")
-        except UnreadableMaskError as error:
-            yield Source(file.path, error=str(error))
-        except OSError as error:
-            yield Source(file.path, error=f"cannot be read ({error.strerror})")
+            for name, data, error in tar_masks(file.path, members) if suffix == ".tar" else coco_masks(file.path):
+                yield Source(file.path, name, error, data)
+        except tarfile.TarError as damage:
+            yield Source(file.path, error=f"not an uncompressed tar archive, or a damaged one ({damage})")
+        except UnreadableMaskError as refusal:
+            yield Source(file.path, error=str(refusal))
+        except OSError as failure:
+            yield Source(file.path, error=f"cannot be read ({failure.strerror})")
         return
     arrays = _arrays(file.path) if suffix == ".npz" and is_file else []
     yield from (Source(file.path, name) for name in arrays) if len(arrays) > 1 else [file]
@@ -93,11 +94,11 @@ def _files(path: Path) -> Iterable[Source]:
 
 
 def _walk(folder: Path) -> list[Source]:
-    found: list[Source] = []
+    sources: list[Source] = []
     seen: set[tuple[int, int]] = set()
 
     def refused(error: OSError) -> None:
-        found.append(Source(Path(error.filename), error=f"cannot be searched ({error.strerror})"))
+        sources.append(Source(Path(error.filename), error=f"cannot be searched ({error.strerror})"))
 
     for root, folders, files in os.walk(folder, onerror=refused, followlinks=True):
         status = os.stat(root)
@@ -106,8 +107,8 @@ def _walk(folder: Path) -> list[Source]:
         seen.add((status.st_dev, status.st_ino))
         folders[:] = sorted(name for name in folders if not name.startswith(".")) if is_new else []
         masks = [name for name in files if name.lower().endswith((*SUFFIXES, ".tar")) and not name.startswith(".")]
-        found += [Source(Path(root, name)) for name in masks if is_new]
-    return sorted(found, key=lambda source: source.path.parts)
+        sources += [Source(Path(root, name)) for name in masks if is_new]
+    return sorted(sources, key=lambda source: source.path.parts)
 
 
 def _arrays(path: Path) -> list[str]:

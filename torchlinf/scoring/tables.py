@@ -1,20 +1,34 @@
-"""Tables in files: of whole rows only, whenever the writing ends, and continued where it ended."""
+"""Tables in files: written in one piece at the end, and continued where an earlier run ended."""
 
+import csv
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from glob import escape
+from itertools import chain
 from pathlib import Path
+from typing import TextIO, Unpack
 
+from torchlinf.measure import Measure, MeasureOptions, takes
 from torchlinf.scoring import parquet
-from torchlinf.scoring.line_file import LineFile
-from torchlinf.scoring.rows import NoTableError, Score, csv_header, csv_line, json_line, parse
-from torchlinf.scoring.terminal import print_table
-
-JSON_BEGINNING = b'{"path": '
-JOURNAL = ".part"  # what is scored already, beside a Parquet file, which is written in one piece at the end
+from torchlinf.scoring.atomic_write import replace_file
+from torchlinf.scoring.journal import JOURNAL, Journal
+from torchlinf.scoring.options import score_measure
+from torchlinf.scoring.report import print_table
+from torchlinf.scoring.rows import (
+    WINDOWS,
+    NoTableError,
+    Score,
+    columns,
+    csv_line,
+    from_csv,
+    from_json,
+    json_line,
+    window_columns,
+)
 
 
 @dataclass(frozen=True)
@@ -22,161 +36,214 @@ class Writer:
     """What takes rows, called with one at a time.
 
     Attributes:
-        write: writes a row, in full or not at all.
-        done: of every row that the table held before, the path and the error, None if there was none.
+        write: keeps a row, in full or not at all.
+        done: of every mask that the table held before, the path and the error, None if there was none.
     """
 
     write: Callable[[Score], None]
     done: Mapping[str, str | None] = field(default_factory=dict)
 
     def __call__(self, row: Score) -> None:
-        """Write a row."""
+        """Keep a row."""
         self.write(row)
 
 
+@takes(MeasureOptions, windows=WINDOWS)
 @contextmanager
 def open_table(
-    path: str | os.PathLike[str] | None, *, as_json: bool = False, resume: bool = False, retry: bool = False
+    path: str | os.PathLike[str] | None,
+    *,
+    as_json: bool = False,
+    resume: bool = False,
+    retry: bool = False,
+    **options: Unpack[MeasureOptions],
 ) -> Iterator[Writer]:
     """Open what takes the rows: a file, standard output, or a terminal, which gets the table when all rows are there.
 
+    Rows go into a journal beside the file at once, named as the file with ".part" behind, each as a JSON object on a
+    line. At the end of the context the file is made of the journal, in one piece, and the journal is removed. If the
+    context ends by an exception, or the program is killed, the journal stays and a later call resumes from it.
+
     Args:
         path: the file: Parquet if its name ends in .parquet, JSON lines if in .jsonl, else CSV; None for standard
-            output.
+            output. Into standard output, and into what is not a plain file, rows go at once.
         as_json: JSON lines instead of CSV, also on a terminal.
-        resume: keep the whole rows that the file holds, and write behind them; otherwise they are lost.
-        retry: of the rows that the file holds keep those without an error only.
+        resume: keep the rows that the file and its journal hold, and add to them; otherwise both are removed.
+        retry: as `resume`, but rows with an error are not in `done`; a new row takes the place of an old one.
+        {measure options}
 
     Yields:
-        The function that writes one row, in full or not at all. Its attribute `done` names what the table holds
-        already. Rows are in the file at once, but in a Parquet file all of them at the end; until then they are in
-        a file beside it, from which a later call resumes.
+        The function that takes one row. Its attribute `done` names the masks that the table holds already.
 
     Raises:
         OSError: the table cannot be opened or written, or another run is writing it.
-        NoTableError: a ValueError: rows are to be kept, and the file is no such table. It is left as it was.
+        NoTableError: a ValueError: rows are to be kept, and the file is not a table of scores, or its rows were
+            measured with other options. It is left as it was.
         ImportError: pyarrow, which Parquet needs, is not installed.
 
     Example:
         >>> import tempfile
+        >>> from torchlinf.scoring import find_masks, score_masks
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     for name in ("a.png", "b.png"):
         ...         with open_table(f"{folder}/scores.jsonl", resume=True) as put:
-        ...             put(Score(name))
+        ...             for row in score_masks(find_masks([name])):
+        ...                 put(row)
         ...     [row.path for row in read_table(f"{folder}/scores.jsonl")]
         ['a.png', 'b.png']
     """
+    measure = score_measure(options)
     if path is None:
-        with _standard_output(as_json) as write:
+        with _stream(sys.stdout, as_json, measure) as write:
             yield Writer(write)
         return
     path, resume = Path(path), resume or retry
-    if path.suffix.lower() == ".parquet":
-        with _parquet_table(path, resume, retry) as writer:
-            yield writer
+    if path.exists() and not path.is_file():
+        with path.open("w", encoding="utf-8", newline="") as file, _stream(file, as_json, measure) as write:
+            yield Writer(write)
         return
-    with LineFile(path) as lines:
-        yield _line_writer(lines, path, as_json or path.suffix.lower() == ".jsonl", resume, retry)
+    if path.suffix.lower() == ".parquet":
+        parquet.require_pyarrow()
+    with Journal(path.with_name(path.name + JOURNAL)) as journal:
+        if not resume:
+            path.resolve().unlink(missing_ok=True)  # a link stays one
+            journal.clear()
+        kept = chain(read_table(path) if path.exists() else (), journal.rows())
+        done = {row.path: row.error for row in _of_this_measure(kept, measure)}
+        yield Writer(journal.append, {name: error for name, error in done.items() if not (retry and error is not None)})
+        if len(journal) or not path.exists():
+            _convert(journal, path, columns(measure.named_windows()), as_json)
+            journal.clear()
+
+
+def write_table(
+    path: str | os.PathLike[str], rows: Iterable[Score], *, columns: Sequence[str], as_json: bool = False
+) -> None:
+    """Write a whole table in one piece: there is the whole file at the end, or what was there before.
+
+    Args:
+        path: the file: Parquet if its name ends in .parquet, JSON lines if in .jsonl, else CSV.
+        rows: any number; they are taken one after the other.
+        columns: names of the columns, those of every row.
+        as_json: JSON lines whatever the name.
+
+    Raises:
+        OSError: the file cannot be written.
+        ImportError: pyarrow, which Parquet needs, is not installed.
+    """
+    path = Path(path)
+
+    def write(temporary: Path) -> None:
+        if path.suffix.lower() == ".parquet":
+            parquet.require_pyarrow()
+            parquet.write(temporary, rows, columns)
+            return
+        with temporary.open("w", encoding="utf-8", newline="") as file:
+            file.writelines(_lines(rows, columns, as_json or path.suffix.lower() == ".jsonl"))
+
+    replace_file(path, write)
 
 
 def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
     """Read the rows of a table: CSV, JSON lines, Parquet, or a folder of such files (all of them, sorted by name).
 
+    Args:
+        path: the file or folder. A file that begins with "{" holds JSON lines, like the journal of a run that goes on,
+            whose name ends in .part; all other text is CSV.
+
+    Yields:
+        Rows, one after the other.
+
     Raises:
         OSError: it cannot be read.
-        NoTableError: a ValueError: it is no table of `torchlinf score`.
+        NoTableError: a ValueError: it is not a table of `torchlinf score`.
         ImportError: pyarrow, which Parquet needs, is not installed.
     """
     path = Path(path)
+    suffix = path.suffix.lower()
     if path.is_dir():
         files = sorted(file for file in path.iterdir() if file.suffix.lower() in (".csv", ".jsonl", ".parquet"))
         if not files:
             raise NoTableError("the folder holds no .csv, .jsonl or .parquet file")
         for file in files:
             yield from read_table(file)
-    elif path.suffix.lower() == ".parquet":
-        yield from parquet.rows(path)
+    elif suffix == ".parquet":
+        yield from parquet.read(path)
     else:
-        with path.open("rb") as lines:
-            yield from (row for row, _ in parse(lines))
+        yield from _read_text(path)
 
 
-@contextmanager
-def _parquet_table(path: Path, resume: bool, retry: bool) -> Iterator[Writer]:
-    parquet.require_pyarrow()
-    journal = path.with_name(path.name + JOURNAL)
-    with LineFile(journal) as lines:
-        try:
-            before = parquet.done(path) if resume and path.exists() else {}
-            after = _line_writer(lines, journal, True, resume, retry)
-            if not resume:
-                path.resolve().unlink(missing_ok=True)  # a link stays one
-            failed = {name for name, error in before.items() if retry and error is not None}
-            kept = {name: error for name, error in before.items() if name not in failed}
-            yield Writer(after.write, kept | dict(after.done))
-            if failed or not path.exists() or journal.stat().st_size:
-                _merge(path, journal, failed)
-            lines.cut(0)
-        finally:
-            if journal.stat().st_size == 0:
-                journal.unlink()
-
-
-def _merge(path: Path, journal: Path, failed: set[str]) -> None:
-    """Put the journal's rows behind those of a Parquet file; killed and called again, it does the same."""
+def _convert(journal: Journal, path: Path, columns: Sequence[str], as_json: bool) -> None:
+    """Put the journal's rows behind those of a table; a row takes the place of earlier ones of the same mask."""
     real = path.resolve()
     for leftover in real.parent.glob(f".{escape(real.name)}.*.tmp"):  # of a run that was killed right here
         leftover.unlink()
-    with journal.open("rb") as file:
-        names = {row.path for row, _ in parse(file)}
-        file.seek(0)
-        parquet.extend(path, (row for row, _ in parse(file)), without=names | failed)
+    coming = Counter(row.path for row in journal.rows())
+
+    def is_last(row: Score) -> bool:
+        coming[row.path] -= 1
+        return not coming[row.path]
+
+    before = (row for row in read_table(path) if row.path not in coming) if path.exists() else ()
+    write_table(path, chain(before, filter(is_last, journal.rows())), columns=columns, as_json=as_json)
 
 
-def _line_writer(lines: LineFile, path: Path, as_json: bool, resume: bool, retry: bool) -> Writer:
-    done, end = _kept(path, as_json) if resume and path.is_file() else ({}, 0)
-    line = json_line if as_json else csv_line
-    header = "" if as_json else csv_header()
-    lines.cut(end)
-    if retry and any(done.values()):
-        with path.open("rb") as file:
-            lines.replace([header, *(line(row) for row, _ in parse(file) if row.error is None)])
-        done = {name: error for name, error in done.items() if error is None}
-    elif end == 0 and header:
-        lines.write(header)
-    return Writer(lambda row: lines.write(line(row)), done)
+def _of_this_measure(rows: Iterable[Score], measure: Measure) -> Iterator[Score]:
+    """The rows, if each was measured like this."""
+    settings, windows = measure.settings(), tuple(measure.named_windows())
+    for row in rows:
+        if (row.measure, tuple(row.values)) != (settings, windows):
+            raise NoTableError(f"its rows were measured with other options, {row.measure}; got {settings}")
+        yield row
 
 
-def _kept(path: Path, as_json: bool) -> tuple[dict[str, str | None], int]:
-    """What a table holds, and where its last whole row ends; nothing of any other file may be cut."""
-    beginning = JSON_BEGINNING if as_json else csv_header().encode()
-    with path.open("rb") as lines:
-        start = lines.read(len(beginning))
-        if beginning.startswith(start) and start != beginning:  # empty, or killed at once
-            return {}, 0
-        if start != beginning:
-            raise NoTableError(f"it does not begin as {'JSON lines' if as_json else 'CSV'} of this version")
-        lines.seek(0)
-        done, end = {}, 0 if as_json else len(beginning)
-        for row, end in parse(lines):  # noqa: B007  # the end of the last one counts
-            done[row.path] = row.error
-    return done, end
+def _read_text(path: Path) -> Iterator[Score]:
+    """The rows of CSV or JSON lines; of a journal, which may be written just now, the complete lines."""
+    suffix = path.suffix.lower()
+    with path.open(encoding="utf-8", newline="") as file:
+        try:
+            is_json = suffix in (".jsonl", JOURNAL) or file.read(1) == "{"
+            file.seek(0)
+            if is_json:
+                yield from (from_json(line) for line in file if suffix != JOURNAL or line.endswith("\n"))
+            else:
+                yield from _from_csv_lines(file)
+        except NoTableError:
+            raise
+        except (ValueError, csv.Error) as error:
+            raise NoTableError(f"it holds a line that is not a row ({error})") from error
+
+
+def _from_csv_lines(file: TextIO) -> Iterator[Score]:
+    lines = csv.reader(file, strict=True)
+    names = next(lines, [])
+    window_columns(names)
+    return (from_csv(names, cells) for cells in lines)
+
+
+def _lines(rows: Iterable[Score], columns: Sequence[str], as_json: bool) -> Iterator[str]:
+    if as_json:
+        yield from map(json_line, rows)
+        return
+    yield csv_line(columns)
+    yield from (csv_line(row.cells().values()) for row in rows)
 
 
 @contextmanager
-def _standard_output(as_json: bool) -> Iterator[Callable[[Score], None]]:
-    if not as_json and sys.stdout.isatty():
+def _stream(file: TextIO, as_json: bool, measure: Measure) -> Iterator[Callable[[Score], None]]:
+    """What sends each row on at once, as text; for a terminal, the table for people when the context ends."""
+    if not as_json and file.isatty():
         rows: list[Score] = []
         try:
             yield rows.append
         finally:
             print_table(rows)
         return
+
+    def send(line: str) -> None:
+        file.write(line)
+        file.flush()  # a reader may wait for it
+
     if not as_json:
-        _print(csv_header())
-    yield lambda row: _print(json_line(row) if as_json else csv_line(row))
-
-
-def _print(line: str) -> None:
-    sys.stdout.write(line)
-    sys.stdout.flush()  # a reader may wait for it
+        send(csv_line(columns(measure.named_windows())))
+    yield lambda row: send(json_line(row) if as_json else csv_line(row.cells().values()))

@@ -1,7 +1,8 @@
 """Many small tasks on several cores, answers in order: threads for a few, processes for many.
 
-Half of the work on a small mask holds Python's lock, so that threads gain little there; but a process takes seconds to
-start. A task that kills its process is found, and costs its own answer only.
+When worker processes start: `in_order` starts them if there are several workers and more than `FEW` tasks, or if tasks
+are to be isolated. Half of the work on a small mask holds Python's lock, so that threads gain little there; but a
+process takes seconds to start. A task that kills its process costs its own answer only.
 """
 
 import multiprocessing
@@ -9,13 +10,15 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import chain, islice
 from multiprocessing import connection
 from typing import TypeVar
+
+from torchlinf._parallel import cancelled_by
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
@@ -37,7 +40,7 @@ def in_order(
     seconds: Callable[[Answer], float],
     died: Callable[[Task], Answer],
     isolated: bool = False,
-) -> Iterator[Answer]:
+) -> Generator[Answer]:
     """Answer tasks, in their order, each as soon as it and those before it are done.
 
     Args:
@@ -47,6 +50,10 @@ def in_order(
         seconds: how long an answer took.
         died: the answer where a task ended the process that worked on it.
         isolated: use processes however few the tasks and the workers are.
+
+    Returns:
+        An iterator. When it is closed, or ended by an exception such as that of Ctrl-C, its workers end soon: processes
+        at once, threads at the next check of the solve that they are in.
 
     Raises:
         NoWorkersError: a RuntimeError: processes do not start.
@@ -59,20 +66,26 @@ def in_order(
     return _by_threads(work, tasks, workers)
 
 
-def _by_threads(work: Callable[[Task], Answer], tasks: Iterable[Task], workers: int) -> Iterator[Answer]:
-    pool = ThreadPoolExecutor(max_workers=workers)
+def _by_threads(work: Callable[[Task], Answer], tasks: Iterable[Task], workers: int) -> Generator[Answer]:
+    stop = threading.Event()
     waiting: deque[Future[Answer]] = deque()
-    try:
-        for task in tasks:
-            waiting.append(pool.submit(work, task))
-            # Enough in flight to keep the workers busy past one slow task, few enough for any number of them.
-            if len(waiting) > 8 * workers:
+
+    def answer(task: Task) -> Answer:
+        with cancelled_by(stop):
+            return work(task)
+
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        try:
+            for task in tasks:
+                waiting.append(pool.submit(answer, task))
+                # Enough in flight to keep the workers busy past one slow task, few enough for any number of them.
+                if len(waiting) > 8 * workers:
+                    yield waiting.popleft().result()
+            while waiting:
                 yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
-    finally:
-        # After Ctrl-C what is being worked on is not waited for.
-        pool.shutdown(wait=False, cancel_futures=True)
+        finally:
+            stop.set()
+            pool.shutdown(cancel_futures=True)
 
 
 def _by_processes(
@@ -81,62 +94,71 @@ def _by_processes(
     workers: int,
     seconds: Callable[[Answer], float],
     died: Callable[[Task], Answer],
-) -> Iterator[Answer]:
+) -> Generator[Answer]:
     waiting: deque[tuple[list[Task], Future[list[Answer]]]] = deque()
-    size, pool = 1, _start(workers)
-    try:
-        while True:
-            while len(waiting) < 4 * workers and (part := list(islice(tasks, size))):
-                waiting.append((part, _submit(pool, work, part)))
-            if not waiting:
-                return
-            part, future = waiting.popleft()
-            try:
-                answers = future.result()
-            except BrokenProcessPool:
-                # One of the tasks in flight ended its process, and with it the pool.
-                pool.shutdown(wait=False)
-                lost = [part, *(part for part, _ in waiting)]
-                waiting.clear()
-                yield from _one_by_one(work, chain.from_iterable(lost), died)
-                pool = _start(workers)
-                continue
-            mean = sum(map(seconds, answers)) / len(answers)
-            size = max(1, min(LONGEST, 2 * size, round(PART / max(mean, 1e-9))))
-            yield from answers
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+    size = 1
+    while True:
+        with _processes(workers) as pool:
+            while True:
+                while len(waiting) < 4 * workers and (part := list(islice(tasks, size))):
+                    waiting.append((part, _submit(pool, work, part)))
+                if not waiting:
+                    return
+                part, future = waiting.popleft()
+                try:
+                    answers = future.result()
+                except BrokenProcessPool:
+                    break
+                mean = sum(map(seconds, answers)) / len(answers)
+                size = max(1, min(LONGEST, 2 * size, round(PART / max(mean, 1e-9))))
+                yield from answers
+        # One of the tasks in flight ended its process, and with it the pool.
+        lost = [*part, *chain.from_iterable(part for part, _ in waiting)]
+        waiting.clear()
+        yield from _one_by_one(work, lost, died)
+        if not (head := list(islice(tasks, 1))):
+            return
+        tasks = chain(head, tasks)
 
 
 def _one_by_one(
     work: Callable[[Task], Answer], tasks: Iterable[Task], died: Callable[[Task], Answer]
-) -> Iterator[Answer]:
+) -> Generator[Answer]:
     """Answer tasks in a process of their own, alone, so that the one that ends it is known."""
-    pool = _start(1)
-    try:
-        for task in tasks:
-            try:
-                yield _submit(pool, work, [task]).result()[0]
-            except BrokenProcessPool:
-                yield died(task)
-                pool.shutdown(wait=False)
-                pool = _start(1)
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+    remaining = deque(tasks)
+    while remaining:
+        with _processes(1) as pool:
+            while remaining:
+                task = remaining.popleft()
+                try:
+                    (answer,) = _submit(pool, work, [task]).result()
+                except BrokenProcessPool:
+                    yield died(task)
+                    break
+                yield answer
 
 
-def _start(workers: int) -> ProcessPoolExecutor:
+@contextmanager
+def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Worker processes that have started; at the end of the context they are ended, whatever they work on."""
     # Not forked: threads of this process, such as torch's, would leave locks behind that nobody releases.
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin)
+    listener, stopper = context.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(listener,))
     try:
-        _submit(pool, len, []).result()
-    except BrokenProcessPool as error:
-        raise NoWorkersError(
-            "worker processes must be able to import the main script; they end at once. Call this under "
-            'if __name__ == "__main__":, or pass workers=1.'
-        ) from error
-    return pool
+        try:
+            _submit(pool, len, []).result()
+        except BrokenProcessPool as error:
+            raise NoWorkersError(
+                "worker processes must be able to import the main script; they end at once. Call this under "
+                'if __name__ == "__main__":, or pass workers=1.'
+            ) from error
+        yield pool
+    finally:
+        stopper.send(None)
+        pool.shutdown(cancel_futures=True)
+        stopper.close()
+        listener.close()
 
 
 def _submit(pool: Executor, work: Callable[[Task], Answer], part: list[Task]) -> Future[list[Answer]]:
@@ -157,18 +179,20 @@ def _answer(work: Callable[[Task], Answer], part: list[Task]) -> list[Answer]:
     return [work(task) for task in part]
 
 
-def _begin() -> None:
+def _begin(listener: "connection.Connection[None, None]") -> None:
+    """What a worker process does first."""
     import torch
 
     torch.set_num_threads(1)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=[listener], daemon=True).start()
 
 
-def _end_with_parent() -> None:
-    """A killed parent leaves its workers waiting for tasks for ever."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    connection.wait([parent.sentinel])
+def _end_with_parent(listener: "connection.Connection[None, None]") -> None:
+    """End this worker process when its parent says so, or is no more: it would wait for tasks for ever.
+
+    The message stays in the pipe, so that every worker sees it.
+    """
+    connection.wait([listener])
     os._exit(1)
 
 

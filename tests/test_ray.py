@@ -1,7 +1,6 @@
 """Masks on Ray: the rows of the local run, whoever is killed; and batches of masks for pipelines."""
 
 import contextlib
-import logging
 import os
 import re
 import signal
@@ -20,8 +19,9 @@ from typer.testing import CliRunner
 
 import torchlinf
 from torchlinf.cli import app
-from torchlinf.scoring import COLUMNS, Score, find_masks, read_table, score_masks
-from torchlinf.scoring.distributed import Part, ScoreMasks, connected, find_shards, score_shards
+from torchlinf.scoring import COLUMNS, Score, find_masks, read_table, score_mask, score_masks, score_measure
+from torchlinf.scoring.ray import Part, ScoreMasks, connected, find_shards, score_shards
+from torchlinf.scoring.score import blank_row
 
 # Ray's own settings trip over each other as soon as they are made.
 pytestmark = pytest.mark.filterwarnings("ignore:`use_:DeprecationWarning:ray.data.context")
@@ -75,9 +75,10 @@ def test_lost_workers_cost_nothing_but_the_mask_that_kills_them(cluster: None, t
     killer.join()
 
     expected = [row for row in score_masks(find_masks(paths)) if "killer" not in row.path]
-    deadly = Score(
+    deadly = blank_row(
         str(tmp_path / "single" / "killer.png"),
-        error="the process that scored it was killed or crashed; it may need more memory",
+        score_measure({}),
+        "the process that scored it was killed or crashed; it may need more memory",
     )
     assert untimed(read_table(out)) == untimed(iter([*expected, deadly]))
     assert (sum(part.masks for part in parts), sum(part.failed for part in parts)) == (148, 2)
@@ -169,7 +170,7 @@ def test_batches_of_a_pipeline(cluster: None, tmp_path: Path, batch_format: str)
     expected = untimed(score_masks(find_masks([folder])))
     data = ray.data.read_binary_files(str(folder), include_paths=True)
     found = data.map_batches(ScoreMasks("bytes"), batch_format=batch_format, batch_size=4).take_all()
-    assert untimed(Score(**row) for row in found) == expected
+    assert untimed(map(Score.of, found)) == expected
 
 
 # --- batches, without Ray -------------------------------------------------------------------------------------------
@@ -188,7 +189,7 @@ def test_masks_as_bytes_paths_and_arrays_have_the_numbers_of_files(tmp_path: Pat
         for column in ("bytes", "path"):
             table = ScoreMasks(column)(batch)
             assert tuple(table.column_names) == COLUMNS
-            assert untimed(Score(**row) for row in table.to_pylist()) == expected
+            assert untimed(map(Score.of, table.to_pylist())) == expected
     masks = np.random.default_rng(1).random((3, 12, 17)) > 0.2
     for number, mask in enumerate(masks):
         np.save(folder / f"m{number}.npy", mask)
@@ -198,6 +199,15 @@ def test_masks_as_bytes_paths_and_arrays_have_the_numbers_of_files(tmp_path: Pat
     for row, other in zip(rows, same, strict=True):
         assert row["error"] is None
         assert row | {"path": "", "seconds": 0} == other | {"path": "", "seconds": 0}
+
+
+def test_batches_take_the_options_of_the_measure() -> None:
+    batch = {"path": np.array(["a"]), "mask": np.tri(9, 13)[None]}
+    row = ScoreMasks("mask", windows={"fine": (0, 0.25)}, bins=64)(batch).to_pylist()[0]
+    assert row["fine"] == score_mask(np.tri(9, 13) > 0, high=0.25, bins=64)["complexity"]
+    assert "complexity" not in row
+    with pytest.raises(ValueError, match="bins must be an integer"):
+        ScoreMasks("mask", bins=0)
 
 
 def test_settings_of_batches() -> None:
@@ -246,18 +256,11 @@ def test_wrong_arguments() -> None:
 # --- errors before anything starts ----------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def loud() -> Iterator[None]:
-    """The command silences Ray for the rest of its process."""
-    yield
-    logging.disable(logging.NOTSET)
-
-
-def test_without_ray_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, loud: None) -> None:
+def test_without_ray_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(ImportError, match=r"needs Ray Data.*pip install 'torchlinf\[ray\]'"), connected("local"):
+    with pytest.raises(ImportError, match=r"needs ray.*pip install 'torchlinf\[ray\]'"), connected("local"):
         pass
-    with pytest.raises(ImportError, match="needs Ray Data"):
+    with pytest.raises(ImportError, match="needs ray"):
         next(score_shards([], tmp_path / "out"))
     command = ["score", str(tar(tmp_path / "a.tar", 1)), "--out", str(tmp_path / "out"), "--ray", "local"]
     result = CliRunner().invoke(app, command)
@@ -265,9 +268,7 @@ def test_without_ray_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tm
     assert "pip install 'torchlinf[ray]'" in result.stderr
 
 
-def test_the_command_on_ray_wants_a_folder_masks_and_a_cluster(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, loud: None
-) -> None:
+def test_the_command_on_ray_wants_a_folder_masks_and_a_cluster(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     run = CliRunner().invoke
     for out in ([], ["--out", "scores.csv"], ["--out", __file__]):
@@ -291,7 +292,7 @@ def test_the_command_on_ray_wants_a_folder_masks_and_a_cluster(
 
 
 def test_the_command_on_ray_says_what_was_there_and_that_it_was_stopped(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, loud: None
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     command = ["score", str(tar(tmp_path / "a.tar", 1)), "--out", str(tmp_path / "out"), "--ray", "local"]
     monkeypatch.setattr("torchlinf.cli.score_on_ray.connected", lambda *_, **__: contextlib.nullcontext())

@@ -1,26 +1,29 @@
 """Masks by the million on Ray: a class for pipelines of Ray Data, and a job from shards to a folder of Parquet files.
 
-Needs the extra `ray` (Ray Data). What a worker does with a shard is in `_shards`, which knows nothing of Ray.
+Needs the extra `ray` (Ray Data). What a worker does with a shard is in `shards`, which knows nothing of Ray.
 """
 
 import logging
 import os
 import pickle
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 from uuid import uuid4
 
 from numpy.typing import NDArray
 
+from torchlinf._extras import require
+from torchlinf.measure import MeasureOptions, takes
 from torchlinf.scoring import parquet
-from torchlinf.scoring.in_memory import Held
+from torchlinf.scoring.in_memory import InMemory
 from torchlinf.scoring.mask_rules import MAX_PIXELS
-from torchlinf.scoring.rows import Score
-from torchlinf.scoring.score import score_source
-from torchlinf.scoring.shards import Options, Part, Shard, find_shards, open_folder, read_part, score_shard, tidy
+from torchlinf.scoring.options import ScoreOptions, score_measure
+from torchlinf.scoring.rows import WINDOWS, Score
+from torchlinf.scoring.score import score_one
+from torchlinf.scoring.shards import Part, Shard, find_shards, open_folder, read_part, score_shard, tidy
 from torchlinf.scoring.sources import Source
 
 if TYPE_CHECKING:
@@ -28,9 +31,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Part", "ScoreMasks", "Shard", "connected", "find_shards", "score_shards"]
 
+FEATURE = "torchlinf.scoring.ray"
 STORE = 2**27  # bytes of shared memory of a local Ray: masks never go through it
 
 
+@takes(MeasureOptions, windows=WINDOWS)
 class ScoreMasks:
     """Scores batches of masks: for `Dataset.map_batches` of Ray Data, or alone.
 
@@ -47,14 +52,17 @@ class ScoreMasks:
         max_pixels: larger masks are refused.
         spatial_ndim: dimensions of an array, 2 or 3, but for leading axes of length 1. Images with colours, (H, W, 3),
             are so told from volumes.
+        {measure options}
 
     Returns:
-        For a batch: a pyarrow.Table with the columns of `torchlinf.scoring.Score`, a row for each mask.
+        For a batch: a pyarrow.Table with the columns of `torchlinf.scoring.Score`, a row for each mask. If `low` or
+        `high` is given, or `windows` is None, the one window is called "complexity".
 
     Raises:
         ImportError: pyarrow is not installed.
         KeyError: a batch lacks a column.
-        ValueError: `spatial_ndim` is neither 2 nor 3.
+        TypeError: an option is of the wrong type; `rho` must be None or one number.
+        ValueError: `spatial_ndim` is neither 2 nor 3, or an option has a wrong value.
 
     Example:
         >>> import numpy as np
@@ -73,22 +81,27 @@ class ScoreMasks:
         invert: bool = False,
         max_pixels: int = MAX_PIXELS,
         spatial_ndim: int = 2,
+        **options: Unpack[MeasureOptions],
     ) -> None:
         if spatial_ndim not in (2, 3):
             raise ValueError(f"spatial_ndim must be 2 or 3; got {spatial_ndim!r}. Pass 3 for volumes (D, H, W).")
         self.column, self.name, self.spatial_ndim = column, name, spatial_ndim
-        self.options = Options(threshold, invert, max_pixels)
+        self.options = ScoreOptions(threshold, invert, max_pixels, measure=score_measure(options))
 
     def __call__(self, batch: "Mapping[str, NDArray[Any]] | pyarrow.Table") -> "pyarrow.Table":
         """Score a batch; see the class."""
         parquet.require_pyarrow()
         names, values = self._column(batch, self.name), self._column(batch, self.column)
-        return parquet.table(self._score(str(name), value) for name, value in zip(names, values, strict=True))
+        rows = (self._score(str(name), value) for name, value in zip(names, values, strict=True))
+        return parquet.table(rows, self.options.columns)
 
     def _score(self, name: str, value: Any) -> Score:
-        place = None if isinstance(value, str) else Held(value, self.spatial_ndim)
-        row = score_source(Source(Path(value if place is None else name), place=place), **self.options.reading)
-        return replace(row, path=name)
+        source = (
+            Source(Path(value))
+            if isinstance(value, str)
+            else Source(Path(name), data=InMemory(value, self.spatial_ndim))
+        )
+        return replace(score_one(source, self.options), path=name)
 
     def _column(self, batch: Any, name: str) -> Sequence[Any]:
         known = batch.column_names if hasattr(batch, "column_names") else list(batch)
@@ -102,6 +115,7 @@ class ScoreMasks:
         return [row for chunk in column.chunks for row in (chunk.to_numpy() if is_tensor else chunk.to_pylist())]
 
 
+@takes(MeasureOptions, windows=WINDOWS)
 def score_shards(
     shards: Sequence[Shard],
     out: str | os.PathLike[str],
@@ -110,40 +124,44 @@ def score_shards(
     invert: bool = False,
     max_pixels: int = MAX_PIXELS,
     members: str | None = None,
-    **map_options: Any,
+    map_options: Mapping[str, Any] | None = None,
+    **options: Unpack[MeasureOptions],
 ) -> Iterator[Part]:
     """Score shards on Ray, each into a Parquet file of its own.
 
-    What is there already is not done again, so that a job that was killed is continued by the same call. A shard whose
-    worker was lost is tried again, then with its masks in a process of their own: one that ends that process gives a
-    row with an error. A shard that costs five workers in one call is given up, and the rows of its files say so.
+    A part that is in the folder already is not done again, so that a job that was killed is continued by the same
+    call. A shard whose worker was lost is tried again, then with its masks in a process of their own: one that ends
+    that process gives a row with an error. A shard that costs five workers in one call is given up, and the rows of its
+    files say so.
 
     Args:
         shards: what `find_shards` found. Workers read the files under the same names, and write to the same `out`, so
             both must be on a file system that all machines share.
         out: the folder of the parts; made if it is not there. `torchlinf.scoring.read_table` reads it.
-        threshold: as in `score_masks`.
-        invert: as there.
-        max_pixels: as there.
-        members: as in `find_masks`.
-        map_options: named options of `Dataset.map` of Ray Data, such as `num_cpus` (1), `memory` (bytes) or
-            `concurrency`.
+        threshold: inside is what is greater, in each file's own units; None chooses by `torchlinf.scoring.RULE`.
+        invert: swap inside and outside.
+        max_pixels: larger masks are refused.
+        members: which members of tar archives are masks, as a pattern such as `*.mask.png`; None takes all with a
+            suffix of a mask.
+        map_options: keywords for `Dataset.map` of Ray Data, such as `num_cpus` (1), `memory` (bytes) or `concurrency`.
+        {measure options}
 
     Returns:
-        An iterator of one `Part` a shard: first those that were there, then the others, each when it is done. The
-        rows are those of `score_masks`, apart from the seconds.
+        An iterator of one `Part` a shard: first those that were in the folder, then the others, each when it is done.
+        The rows are those of `score_masks`, apart from the seconds.
 
     Raises:
         ImportError: Ray Data is not installed.
-        ValueError: `out` holds parts of other settings, or of another list of single files.
+        TypeError: an option is of the wrong type; `rho` must be None or one number.
+        ValueError: an option has a wrong value, or `out` holds parts of other settings or of another list of files.
         OSError: a part cannot be written.
     """
     ray_data = _require_ray().data
-    folder, options = Path(out).absolute(), Options(threshold, invert, max_pixels, members)
-    open_folder(folder, shards, options)
+    folder, chosen = Path(out).absolute(), ScoreOptions(threshold, invert, max_pixels, members, score_measure(options))
+    open_folder(folder, shards, chosen)
     missing = []
     for shard in shards:
-        if (part := read_part(folder / shard.part)) is None:
+        if (part := read_part(folder / shard.part, chosen.columns)) is None:
             missing.append(shard)
         else:
             yield part
@@ -151,7 +169,7 @@ def score_shards(
         # A block a shard: a block is what is tried again. Names may be no text, so that they travel pickled.
         rows = [{"shard": pickle.dumps(shard)} for shard in missing]
         data = ray_data.from_items(rows, override_num_blocks=len(rows))
-        done = data.map(_Work(folder, options), **{"num_cpus": 1, **map_options})
+        done = data.map(_Work(folder, chosen), **{"num_cpus": 1, **(map_options or {})})
         done.context.enable_progress_bars = done.context.print_on_execution_start = False
         done.context.execution_no_progress_timeout_s = -1  # a shard takes what it takes
         for row in done.iter_rows():
@@ -175,21 +193,40 @@ def connected(address: str = "local", *, workers: int | None = None) -> Iterator
         ImportError: Ray Data is not installed.
         ConnectionError: there is no cluster at that address.
     """
-    if address == "local":
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     ray = _require_ray()
-    local = {"num_cpus": workers, "include_dashboard": False, "object_store_memory": STORE}
-    ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **(local if address == "local" else {}))
+    local: dict[str, Any] = {"num_cpus": workers, "include_dashboard": False, "object_store_memory": STORE}
+    with _no_usage_statistics() if address == "local" else nullcontext():
+        ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **(local if address == "local" else {}))
     try:
         yield
     finally:
         ray.shutdown()
 
 
+def _require_ray() -> Any:
+    ray = require("ray", FEATURE, "ray")
+    require("ray.data", FEATURE, "ray")
+    return ray
+
+
+@contextmanager
+def _no_usage_statistics() -> Iterator[None]:
+    """Ray reads this wish from the environment alone, when it starts; afterwards the environment is as it was."""
+    name = "RAY_USAGE_STATS_ENABLED"
+    if name in os.environ:
+        yield
+        return
+    os.environ[name] = "0"
+    try:
+        yield
+    finally:
+        del os.environ[name]
+
+
 class _Work:
     """What a worker does with a row of the dataset."""
 
-    def __init__(self, out: Path, options: Options) -> None:
+    def __init__(self, out: Path, options: ScoreOptions) -> None:
         self.out, self.options, self.run = out, options, uuid4().hex
 
     def __call__(self, row: Mapping[str, Any]) -> dict[str, bytes]:
@@ -199,14 +236,3 @@ class _Work:
         except Exception as error:
             answer = error
         return {"answer": pickle.dumps(answer)}
-
-
-def _require_ray() -> Any:
-    try:
-        import ray
-        import ray.data
-    except ImportError as error:
-        raise ImportError(
-            "torchlinf.scoring.distributed needs Ray Data, which is not installed. Run: pip install 'torchlinf[ray]'"
-        ) from error
-    return ray

@@ -1,0 +1,104 @@
+"""The options that say how complexity is measured, the same for every command that measures."""
+
+import inspect
+import re
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import Annotated, Any, Literal
+
+import typer
+
+# None stands for the default of `Measure`, which the help shows: torch is not loaded to print it.
+OPTIONS: Mapping[str, Any] = {
+    "low": Annotated[
+        float | None,
+        typer.Option("--low", metavar="T", show_default="0", help="Lower end of the one window of scales, excluded."),
+    ],
+    "high": Annotated[
+        float | None,
+        typer.Option("--high", metavar="T", show_default="1", help="Upper end of the one window of scales, included."),
+    ],
+    "windows": Annotated[
+        list[str] | None,
+        typer.Option(
+            "--window", metavar="NAME=LOW-HIGH", help="A window of scales with a column of its own; may be repeated."
+        ),
+    ],
+    "bins": Annotated[
+        int | None,
+        typer.Option("--bins", metavar="N", show_default="1024", help="Bins of the entropy, 1 to 2^20."),
+    ],
+    "estimator": Annotated[
+        Literal["entropy", "std"] | None,
+        typer.Option(
+            "--estimator", show_default="entropy", help="What a level is measured by: entropy (bits) or std (a share)."
+        ),
+    ],
+    "rho": Annotated[
+        float | None,
+        typer.Option("--rho", metavar="R", show_default="each shape's radius", help="Screening length, pixels."),
+    ],
+    "tol": Annotated[
+        float | None,
+        typer.Option("--tol", metavar="E", show_default="1e-09", help="Relative error of every field."),
+    ],
+}
+
+
+def takes_measure(windows: Mapping[str, tuple[float, float]]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options of the measure; it gets a checked `Measure` as its keyword `measure`.
+
+    Args:
+        windows: those that the command has without `--window`, `--low` and `--high`.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def run(**given: Any) -> None:
+            options = {name: value for name in OPTIONS if (value := given.pop(name)) is not None}
+            command(**given, measure=_measure(options, windows))
+
+        own = [one for one in inspect.signature(command).parameters.values() if one.name != "measure"]
+        added = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+            for name, kind in OPTIONS.items()
+        ]
+        run.__signature__ = inspect.Signature([*own, *added])  # type: ignore[attr-defined]
+        run.__annotations__ = {name: one.annotation for name, one in run.__signature__.parameters.items()}  # type: ignore[attr-defined]
+        return run
+
+    return decorate
+
+
+def parse_windows(texts: list[str]) -> dict[str, tuple[float, float]]:
+    """Windows of scales as they stand on the command line.
+
+    >>> parse_windows(["fine=0-0.25", "coarse=2.5e-1-1"])
+    {'fine': (0.0, 0.25), 'coarse': (0.25, 1.0)}
+    """
+    number = r"\d*\.?\d+(?:[eE][-+]?\d+)?"
+    windows: dict[str, tuple[float, float]] = {}
+    for text in texts:
+        match = re.fullmatch(f"(.+)=({number})-({number})", text)
+        if match is None:
+            raise typer.BadParameter(
+                f"a window must be NAME=LOW-HIGH; got {text}. Pass for example fine=0-0.25", param_hint="--window"
+            )
+        name, low, high = match.groups()
+        if name in windows:
+            raise typer.BadParameter(
+                f"each window must have a name of its own; got {name} twice. Pass another name", param_hint="--window"
+            )
+        windows[name] = (float(low), float(high))
+    return windows
+
+
+def _measure(options: dict[str, Any], windows: Mapping[str, tuple[float, float]]) -> Any:
+    if texts := options.pop("windows", None):
+        options["windows"] = parse_windows(texts)
+    from torchlinf.scoring import score_measure
+
+    try:
+        return score_measure(options, windows)
+    except (TypeError, ValueError) as error:
+        raise typer.BadParameter(str(error)) from None

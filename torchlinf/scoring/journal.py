@@ -1,0 +1,108 @@
+"""The journal of a table: the rows that are scored already, beside the file that they will be in.
+
+A row is appended to the journal as soon as there is one, and the table is made of it at the end, in one piece. So a
+run that ends early, however it ends, loses no row, and the next one goes on from the journal.
+"""
+
+import io
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Self
+
+from torchlinf.scoring.rows import NoTableError, Score, from_json, json_line
+
+JOURNAL = ".part"  # what the name of the table is followed by
+
+
+class Journal:
+    """A file of rows, each a JSON object on a line of its own, which one run at a time writes.
+
+    Each row goes to the system in one unbuffered write. A program that is interrupted or killed leaves no more than one
+    incomplete line, at the end; the next run drops it. Rows are not forced onto the disk one by one: that would cost
+    more than scoring them, and only a failure of the whole machine could lose them.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open the journal, or make it, and drop an incomplete last line.
+
+        Raises:
+            OSError: it cannot be opened, or another run is writing it.
+        """
+        self._path = path
+        self._file = path.open("ab", buffering=0)
+        try:
+            _lock(self._file, path)
+        except OSError:
+            self._file.close()
+            raise
+
+    def rows(self) -> Iterator[Score]:
+        """The rows in the journal; an incomplete last line is dropped from the file.
+
+        Raises:
+            NoTableError: a line is not a row.
+        """
+        size = 0
+        with self._path.open("rb") as lines:
+            for number, line in enumerate(lines, 1):
+                if not line.endswith(b"\n"):
+                    break
+                try:
+                    yield from_json(line.decode())
+                except ValueError as error:
+                    raise NoTableError(f"line {number} of its journal {self._path} is not a row ({error})") from error
+                size += len(line)
+        if size < os.fstat(self._file.fileno()).st_size:
+            self._file.truncate(size)
+
+    def append(self, row: Score) -> None:
+        """Append a row; if it cannot be written in full, not at all.
+
+        Raises:
+            OSError: it cannot be written, for example because the disk is full.
+        """
+        data, written = json_line(row).encode(), 0
+        try:
+            while written < len(data):
+                written += self._file.write(data[written:])
+        except OSError:
+            if written:
+                self._file.truncate(self._file.seek(-written, io.SEEK_CUR))
+            raise
+
+    def clear(self) -> None:
+        """Drop all rows."""
+        self._file.truncate(0)
+
+    def __len__(self) -> int:
+        """Bytes in the journal."""
+        return os.fstat(self._file.fileno()).st_size
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        # Removed before the lock goes: another run would find an empty file that is about to vanish.
+        if not len(self):
+            with suppress(OSError):
+                self._path.unlink()
+        self._file.close()
+
+
+def _lock(file: io.FileIO, path: Path) -> None:
+    try:
+        import fcntl
+    except ImportError:
+        return
+    taken = "another run is writing it"
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise OSError(error.errno, taken) from error
+    except OSError:
+        return  # file systems without locks
+    # That run may have removed the file since it was opened, and let go of it.
+    if not (path.exists() and os.path.samestat(path.stat(), os.fstat(file.fileno()))):
+        raise OSError(0, taken)
