@@ -9,7 +9,7 @@ PIP := -m pip install --quiet --disable-pip-version-check
 
 # The core, the losses, the metric and label maps: what `make test-lowest` runs. TESTS=tests runs all.
 SHORT := $(addprefix tests/test_,known_values.py distance.py field.py complexity.py entropy.py soft.py losses.py \
-	metrics.py predictions.py labels.py)
+	labels.py) $(wildcard tests/test_metric*.py)
 TESTS ?= $(SHORT)
 
 .PHONY: venv demo test test-all test-lowest test-newest lint types docs bench dist dist-check check clean
@@ -79,7 +79,7 @@ dist-check: dist
 	cd tools && ../$(CLEAN)/bin/python run_readme.py all
 	cd tests/downstream && ../../$(CLEAN)/bin/python user.py
 	cd tests/downstream && ../../$(BIN)/mypy --strict --python-executable ../../$(CLEAN)/bin/python \
-		--config-file= user.py
+		--config-file= --cache-dir ../../.mypy_cache/downstream user.py
 
 # All that CI runs. The tests come last, so that the output ends with their count.
 check: venv lint types docs demo dist-check test-lowest test-all

@@ -12,7 +12,7 @@ def main() -> None:
         require("rich", "The command torchlinf", "cli")
     except ImportError as error:
         sys.exit(f"torchlinf: {error}")
-    from torchlinf.cli.app import main
+    from torchlinf.cli import main
 
     main()
 
