@@ -20,7 +20,7 @@ from torch import Tensor
 
 import torchlinf
 from torchlinf import plot, shapes
-from torchlinf.measure.entropy import level_values
+from torchlinf.measure import level_values
 from torchlinf.shapes import Appendage, with_appendages
 
 SIDE, WIDTH, DEPTH, MARGIN = 128, 32, 32, 1

@@ -22,9 +22,12 @@ from matplotlib.patches import Polygon
 
 import torchlinf
 from torchlinf import plot, shapes
-from torchlinf.shapes.families import ADJACENT, OPPOSITE
 
 SIDE, SMALL = 64, 16
+
+# The faces that come first: in opposite pairs, or around a corner.
+OPPOSITE = ("left", "right", "top", "bottom", "front", "back")
+ADJACENT = ("left", "top", "front", "right", "bottom", "back")
 family = shapes.cube_family(SIDE, SMALL)
 
 # The directions of the faces as right, down and to the back, and how much white is in those that are seen.
