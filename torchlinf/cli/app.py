@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from torchlinf import __version__
-from torchlinf.cli import compare, order, profile, score
+from torchlinf.cli import compare, order, profile, report, score
 from torchlinf.cli.outputs import INTERRUPTED, PIPE_CLOSED, WRONG
 
 app = typer.Typer(
@@ -24,6 +24,7 @@ app.command(epilog=score.EPILOG)(score.score)
 app.command(epilog=compare.EPILOG)(compare.compare)
 app.command(epilog=profile.EPILOG)(profile.profile)
 app.command(epilog=order.EPILOG)(order.order)
+app.command(epilog=report.EPILOG)(report.report)
 
 
 def main() -> None:
