@@ -60,6 +60,7 @@ class Column:
 def models(
     columns: Mapping[str, Column],
     windows: int,
+    borders: Sequence[float],
     thumbs: Sequence[str],
     profiles: Sequence[NDArray[np.uint16]],
     code: str,
@@ -69,6 +70,7 @@ def models(
     Args:
         columns: the columns by the name of their field in the page; the path is first.
         windows: how many columns behind it are means over windows of scales.
+        borders: scales at which a window ends, for lines in the chart of the profiles.
         thumbs: a picture a row, as a data URI; "" for none.
         profiles: values of the profile of each row; empty for none.
         code: JavaScript that is run with all models when the page is ready.
@@ -85,8 +87,8 @@ def models(
     levels = np.concatenate([*profiles, np.empty(0, np.uint16)])
     stored = ColumnDataSource({"levels": levels}, name="profiles")
     bins = ColumnDataSource({"left": [], "right": [], "all": [], "shown": []})
-    lines = ColumnDataSource({"x": [], "y": [], "colour": [], "path": []})
-    histogram, scatter, profile = _histogram(bins), _scatter(source, view, columns, windows), _profile(lines)
+    lines = ColumnDataSource({"x": [], "y": [], "colour": [], "path": []}, name="lines")
+    histogram, scatter, profile = _histogram(bins), _scatter(source, view, columns, windows), _profile(lines, borders)
     table = _table(source, view, columns)
     parts = {"table": table, "histogram": histogram, "scatter": scatter, "profile": profile}
     document = Document()
@@ -194,8 +196,8 @@ def _scatter(source: Any, view: Any, columns: Mapping[str, Column], windows: int
     return _plain(plot)
 
 
-def _profile(lines: Any) -> Any:
-    from bokeh.models import HoverTool, Range1d
+def _profile(lines: Any, borders: Sequence[float]) -> Any:
+    from bokeh.models import HoverTool, Range1d, Span
     from bokeh.plotting import figure
 
     plot = figure(
@@ -209,6 +211,8 @@ def _profile(lines: Any) -> Any:
     plot.add_tools(
         HoverTool(renderers=[curves], tooltips=[("", "@path"), ("scale", "$x{0.00}"), ("value", "$y{0.00}")])
     )
+    for scale in borders:
+        plot.add_layout(Span(location=scale, dimension="height", line_color="#8896a5", line_dash="dashed"))
     plot.y_range.start = 0
     return _plain(plot)
 

@@ -18,9 +18,7 @@ from torchlinf.scoring import MAX_PIXELS, Source, UnreadableMaskError, find_mask
 COLOUR = (31, 73, 125)  # of what is inside
 SMALL, LARGE = 64, 128  # sides of a picture in the table and in a gallery, pixels
 MOST_LEVELS = 100  # a profile of more levels is stored at this many scales
-STEP = (
-    1e-3  # values of a profile are stored in steps of this size: the largest value, 20 bits, fits into 16 binary digits
-)
+STEP = 1e-3  # values of a profile are stored as multiples of this; the largest value, 20 bits, fits into a uint16
 
 MaskOf = Callable[[Row], NDArray[np.bool_]]
 
@@ -68,7 +66,7 @@ def _picture(table: Table, i: int, mask_of: MaskOf, profiled: bool, large: bool)
         mask = mask_of(row)
     except Exception as error:
         # One file that cannot be read, for whatever reason, does not stop the page.
-        return Picture(note=f"no picture: {error}")
+        return Picture(note="" if table.errors[i] else f"no picture: {error}")
     if note := changed(mask, row):
         return Picture(note=note)
     if not mask.any():
@@ -147,7 +145,7 @@ def thumbnail(mask: NDArray[np.bool_], side: int = SMALL) -> str:
     """
     from PIL import Image
 
-    flat = mask.reshape(-1, *mask.shape[-2:]).any(axis=0)
+    flat: NDArray[np.bool_] = np.asarray(mask.reshape(-1, *mask.shape[-2:]).any(axis=0))
     shape = Image.fromarray(flat[bounding_box(flat)].astype(np.uint8) * 255)
     scale = (side - 2) / max(shape.size)
     width, height = (max(1, round(length * scale)) for length in shape.size)

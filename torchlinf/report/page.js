@@ -111,6 +111,16 @@ function torchlinfReport(models) {
     return select;
   });
 
+  // Masks without a number stand behind all others, whichever way the table is sorted; bokeh would put them first one way.
+  const grid = Bokeh.index.find_one(table).grid;
+  for (const column of table.columns) {
+    if (column.sorter === null) continue;
+    column.sorter.compute = (a, b) => {
+      const way = grid.getSortColumns().some((one) => !one.sortAsc) ? -1 : 1;
+      return Number.isNaN(a) || Number.isNaN(b) ? way * (Number.isNaN(a) - Number.isNaN(b)) : a - b;
+    };
+  }
+
   // The profile of what is selected: steps, one a level.
   function profileOf(row) {
     const count = lengths[row], x = [], y = [];
@@ -136,6 +146,13 @@ function torchlinfReport(models) {
       x: profiles.map((one) => one.x), y: profiles.map((one) => one.y),
       colour: drawn.map((_, i) => page.lines[i]), path: drawn.map((one) => source.get("c0")[one]),
     };
+    // With several lines, a key says which is which.
+    element("detail-key").replaceChildren(...(drawn.length > 1 ? drawn : []).map((one, i) => {
+      const item = document.createElement("li"), line = document.createElement("i");
+      line.style.background = page.lines[i];
+      item.append(line, source.get("c0")[one]);
+      return item;
+    }));
     element("detail-profile").style.visibility = drawn.length ? "visible" : "hidden";
     if (row === undefined) return;
     element("detail-path").textContent = source.get("c0")[row];

@@ -59,7 +59,8 @@ def render(
     columns = _columns(table, shown, groups)
     kept = [pictures[i] for i in shown]
     thumbs, profiles = [one.small for one in kept], [one.profile for one in kept]
-    parts = models(columns, len(table.windows), thumbs, profiles, "torchlinfReport(models)")
+    borders = sorted({end for ends in table.measure.named_windows().values() for end in ends if 0 < end < 1})
+    parts = models(columns, len(table.windows), borders, thumbs, profiles, "torchlinfReport(models)")
     start, divs = components(parts, wrap_script=False)
     style, script = (files(__package__).joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
     library = Resources(mode="inline", components=["bokeh", "bokeh-widgets", "bokeh-tables"], log_level="error").js_raw
@@ -82,7 +83,7 @@ def render(
         "profiles": sum(one.profile.size > 0 for one in kept),
         "pictures": sum(bool(one.small) for one in kept),
         "folder": folder,
-        "score": table.windows[0] if table.windows else "complexity",
+        "score": table.windows[0],
         "unit": table.measure.unit,
         "median": _number(float(np.median(table.score[table.ranking]))) if len(table.ranking) else "",
         "least": [card(i) for i in least],
@@ -108,7 +109,6 @@ def render(
             "notes": [one.note for one in kept],
             "folder": folder,
             "windows": list(table.windows),
-            "borders": sorted({end for ends in table.measure.named_windows().values() for end in ends if 0 < end < 1}),
             "unit": table.measure.unit,
             "step": STEP,
             "lines": LINES,

@@ -60,7 +60,8 @@ class Table:
     @cached_property
     def windows(self) -> list[str]:
         """The columns that are means over windows of scales. The first one is what the page is about."""
-        return [name for name in self.measure.named_windows() if name in self.names]
+        named = list(self.measure.named_windows())
+        return [name for name in named if name in self.names] or named[:1]
 
     @cached_property
     def unit(self) -> dict[str, str]:
@@ -77,7 +78,7 @@ class Table:
     @cached_property
     def score(self) -> NDArray[np.float64]:
         """The values of the first window; NaN where there is none."""
-        return self.numbers(self.windows[0]) if self.windows else np.full(len(self.rows), np.nan)
+        return self.numbers(self.windows[0])
 
     @cached_property
     def ranking(self) -> NDArray[np.int64]:
@@ -160,9 +161,11 @@ def number_of(cell: Any) -> float:
 
 
 def text_of(cell: Any) -> str:
-    """A cell as text; "" for None and NaN.
+    """A cell as text; "" for None and NaN. What no file could hold, half of a pair of surrogates, becomes an escape.
 
     >>> text_of(None), text_of(float("nan")), text_of(3)
     ('', '', '3')
     """
-    return "" if cell is None or (isinstance(cell, float) and math.isnan(cell)) else str(cell)
+    if cell is None or (isinstance(cell, float) and math.isnan(cell)):
+        return ""
+    return str(cell).encode("utf-8", "backslashreplace").decode()
