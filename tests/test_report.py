@@ -383,6 +383,9 @@ def test_sort_filter_and_click_in_a_browser(browser: Browser, tmp_path: Path, ro
     browser.open(out)
     values = sorted(f"{one['complexity']:.4f}" for one in rows if one["complexity"] is not None)
     assert browser.text("filter-count") == "10 of 10 masks"
+    widths = browser.run("return [...document.querySelectorAll('main > *')].map((one) => one.offsetWidth);")
+    assert len(set(widths)) == 1  # one part below the other
+    assert widths[0] > 1300
     browser.sort_by(2)
     assert browser.cells(2) == [*values, "", "", ""]
     browser.sort_by(2)

@@ -12,7 +12,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from torchlinf.cli.options import Invert, MaxPixels, Threshold
 from torchlinf.cli.outputs import fail, folder_problem, load_table
-from torchlinf.report import MaskReader, write_report
 from torchlinf.scoring import MAX_PIXELS
 
 EPILOG = (
@@ -45,6 +44,8 @@ def report(
 
     The page opens in a browser without a server, and loads nothing from the network.
     """
+    from torchlinf.report import MaskReader, write_report
+
     problem = f"{out} has not the name of a page; pass for example report.html"
     if out.suffix.lower() in SUFFIXES:
         problem = folder_problem(out) or ""

@@ -158,7 +158,7 @@ def _meanings(table: Table, columns: Mapping[str, Column]) -> list[tuple[str, st
         name: f"mean of the profile over scales above {low:g} and up to {high:g}"
         for name, (low, high) in table.measure.named_windows().items()
     }
-    known = windows | MEANINGS | {"equal": "rows with the same number here have equal numbers; see below"}
+    known = windows | MEANINGS | {"equal": "rows with the same entry have the same numbers, see above"}
     return [(column.title, known[column.name]) for column in columns.values() if column.name in known]
 
 
