@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 from torchlinf import __version__
-from torchlinf.cli import compare, order, profile, score, warm_up
+from torchlinf.cli import compare, order, profile, report, score, warm_up
 from torchlinf.cli.outputs import PIPE_CLOSED
 
 app = typer.Typer(
@@ -29,6 +29,7 @@ app.command(epilog=score.EPILOG)(score.score)
 app.command(epilog=compare.EPILOG)(compare.compare)
 app.command(epilog=profile.EPILOG)(profile.profile)
 app.command(epilog=order.EPILOG)(order.order)
+app.command(epilog=report.EPILOG)(report.report)
 app.command()(warm_up.warm_up)
 
 

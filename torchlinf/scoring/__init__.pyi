@@ -15,7 +15,6 @@ from .options import ScoreOptions as ScoreOptions
 from .options import score_measure as score_measure
 from .readers import SUFFIXES as SUFFIXES
 from .readers import UnreadableMaskError as UnreadableMaskError
-from .report import print_table as print_table
 from .rows import COLUMNS as COLUMNS
 from .rows import WINDOWS as WINDOWS
 from .rows import NoTableError as NoTableError
@@ -30,6 +29,7 @@ from .shards import Shard as Shard
 from .shards import find_shards as find_shards
 from .sources import Source as Source
 from .sources import find_masks as find_masks
+from .summary import print_table as print_table
 from .tables import open_table as open_table
 from .tables import read_table as read_table
 from .tables import write_table as write_table

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf.scoring.atomic_write import replace_file
-from torchlinf.scoring.report import common_folder
 from torchlinf.scoring.rows import KINDS, WINDOWS, Score, columns
+from torchlinf.scoring.summary import common_folder
 
 Join = Literal["path", "folder", "name", "stem"]
 COMPARED = "compared"

@@ -17,7 +17,6 @@ from torchlinf.scoring import parquet
 from torchlinf.scoring.atomic_write import replace_file
 from torchlinf.scoring.journal import JOURNAL, Journal
 from torchlinf.scoring.options import score_measure
-from torchlinf.scoring.report import print_table
 from torchlinf.scoring.rows import (
     WINDOWS,
     NoTableError,
@@ -29,6 +28,7 @@ from torchlinf.scoring.rows import (
     json_line,
     window_columns,
 )
+from torchlinf.scoring.summary import print_table
 
 
 @dataclass(frozen=True)
