@@ -315,7 +315,17 @@ def test_the_options_of_the_measure_reach_value_and_gradient(options: dict[str, 
     assert not torch.allclose(slope, gradient(ShapeComplexityLoss(), probability))
 
 
-def test_the_order_of_channels_and_weights_of_every_kind() -> None:
+def test_the_default_device_does_not_matter() -> None:
+    """On the meta device any tensor that was made on the default device would have no values."""
+    probability = batch()
+    loss = ShapeComplexityLoss(weight=[0.3, 0.2, 0.1], deformations=True, max_flips=4)
+    expected = loss(probability)
+    with torch.device("meta"):
+        found = ShapeComplexityLoss(weight=[0.3, 0.2, 0.1], deformations=True, max_flips=4)(probability)
+    assert found == expected
+
+
+def test_weights_of_every_kind() -> None:
     probability = batch()
     expected = ShapeComplexityLoss(weight=[0.0, 2.0, 0.5])(probability)
     for weight in ((0, 2, 0.5), torch.tensor([0.0, 2.0, 0.5]), np.array([0.0, 2.0, 0.5])):

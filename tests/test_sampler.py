@@ -74,6 +74,14 @@ def test_replicas_share_an_epoch() -> None:
     assert sorted(together.tolist()) == sorted(whole.tolist())
 
 
+def test_the_default_device_does_not_matter() -> None:
+    """On the meta device any tensor that was made on the default device would have no values."""
+    for options in ({}, {"weight": torch.exp}):
+        with torch.device("meta"):
+            indices = list(ComplexitySampler(SCORES.tolist(), **options))
+        assert indices == list(ComplexitySampler(SCORES, **options))
+
+
 def test_in_a_loader() -> None:
     data = TensorDataset(torch.arange(8))
     loader = DataLoader(data, batch_size=3, sampler=ComplexitySampler(SCORES, between=(0.0, 1.0)))

@@ -65,9 +65,9 @@ def select(inside: Tensor, regions: list[list[Region]], max_flips: int) -> list[
         [[0, 1, 2], [0]]
     """
     chosen: list[list[Region]] = []
-    for shape, found in zip(inside, regions, strict=True):
+    for shape, proposed in zip(inside, regions, strict=True):
         limit = int(shape.sum()) // 2
-        ranked = sorted((region for region in found if len(region) <= limit), key=len, reverse=True)
+        ranked = sorted((region for region in proposed if len(region) <= limit), key=len, reverse=True)
         octaves: dict[int, list[list[Region]]] = {}
         for size, same_size in itertools.groupby(ranked, key=len):
             octaves.setdefault(size.bit_length(), []).append(list(same_size))

@@ -190,7 +190,7 @@ class ShapeComplexityLoss(nn.Module):
             measure.high,
             measure.bins,
             measure.estimator,
-            measure.rho,  # type: ignore[arg-type]  # a number or None, checked in __init__
+            measure.scalar_rho(),
             measure.tol,
         )
         counted = torch.ones_like(flat) if mask is None else mask.expand_as(probability).flatten(0, 1).to(flat)
