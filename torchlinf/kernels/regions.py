@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from torchlinf.kernels._compile import kernel
+from torchlinf.kernels.compiler import kernel
 
 
 @kernel
