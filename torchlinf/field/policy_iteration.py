@@ -1,4 +1,4 @@
-"""The compiled CPU method: coarse to fine, a few sweeps, then policies and one exact linear solve, until certified.
+"""Policy iteration, method="compiled": coarse to fine; some sweeps, then one exact linear solve, until certified.
 
 Sweeps settle the policies nearby, the solve carries their values across the whole shape. They run only where the
 field still changes. A start from half the resolution has the values right to O(1/D), so that the number of rounds
@@ -34,7 +34,7 @@ TIE = 1e-11  # share of max f within which neighbours are equal: rounding, not g
 NOISE = 1e-7  # share of the residual down to which linear solves go, and within which neighbours are equal meanwhile
 
 
-def compiled(problem: Problem, tol: float, max_sweeps: int | None) -> FieldSolution:
+def solve_compiled(problem: Problem, tol: float, max_sweeps: int | None) -> FieldSolution:
     """Solve shape by shape on the CPU, shapes in parallel on torch's number of threads."""
     masks = problem.mask.numpy()
     count = len(masks)
@@ -53,8 +53,8 @@ def compiled(problem: Problem, tol: float, max_sweeps: int | None) -> FieldSolut
             bound[i], work[:, i], status[i] = field.bound, (field.sweeps(), field.num_solves), field.status
 
     for_each(solve, count)
-    found = (torch.from_numpy(array) for array in (value, bound, work[0], work[1], status))
-    return FieldSolution(*found)
+    tensors = (torch.from_numpy(array) for array in (value, bound, work[0], work[1], status))
+    return FieldSolution(*tensors)
 
 
 def solve_shape(mask: np.ndarray, rho: float | None, tol: float, check: Callable[[], None]) -> "PolicyIteration":

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from torchlinf._checks import as_mask, choice, count, positive, real_dtype
-from torchlinf.field.implicit_gradient import attach_gradient
+from torchlinf.field.adjoint import attach_gradient
 from torchlinf.field.methods import METHODS, automatic
 from torchlinf.field.problem import Problem, pose
 from torchlinf.field.solution import FieldSolution, raise_failures
@@ -30,7 +30,7 @@ def solve_field(
     Args:
         mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, nonzero is inside,
             beyond the array is outside. Each (b, c) is one shape, however many components it has.
-        rho: screening length in pixels, a number or a tensor that broadcasts to the leading shape; None means each
+        rho: screening length in pixels, a number or a tensor that broadcasts to the batch shape; None means each
             shape's own radius D, the largest chessboard distance in it.
         tol: relative error to reach. Residuals are known to a few ulps of the largest value, so no less than
             8 eps max f is asked for: that matters beyond D = 1200 in float64, and everywhere in float32.
@@ -65,17 +65,19 @@ def solve_field(
         >>> bool(solution.error_bound <= 1e-9), torchlinf.Status(int(solution.status)).name
         (True, 'CONVERGED')
     """
-    shapes, lead = as_mask(mask, spatial_ndim)
+    shapes, batch_shape = as_mask(mask, spatial_ndim)
     if max_sweeps is not None:
         max_sweeps = count(max_sweeps, "max_sweeps")
     real_dtype(dtype)
-    solved = solve(pose(shapes, rho, lead, compile), lead, tol=tol, method=method, max_sweeps=max_sweeps, throw=throw)
+    solved = solve(
+        pose(shapes, rho, batch_shape, compile), batch_shape, tol=tol, method=method, max_sweeps=max_sweeps, throw=throw
+    )
     return FieldSolution(
-        value=solved.value.to(dtype or solved.value.dtype).reshape(*lead, *shapes.shape[1:]),
-        error_bound=solved.error_bound.reshape(lead),
-        num_sweeps=solved.num_sweeps.reshape(lead),
-        num_solves=solved.num_solves.reshape(lead),
-        status=solved.status.reshape(lead),
+        value=solved.value.to(dtype or solved.value.dtype).reshape(*batch_shape, *shapes.shape[1:]),
+        error_bound=solved.error_bound.reshape(batch_shape),
+        num_sweeps=solved.num_sweeps.reshape(batch_shape),
+        num_solves=solved.num_solves.reshape(batch_shape),
+        status=solved.status.reshape(batch_shape),
     )
 
 
@@ -91,7 +93,7 @@ def linf_field(
 
     Args:
         mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1, nonzero is inside.
-        rho: screening length in pixels, a number or a tensor that broadcasts to the leading shape; None means each
+        rho: screening length in pixels, a number or a tensor that broadcasts to the batch shape; None means each
             shape's own radius.
         tol: relative error before the normalisation, which at most doubles it; see `solve_field`.
         spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
@@ -115,13 +117,13 @@ def linf_field(
         >>> torchlinf.linf_field(torch.ones(1, 1, 3, 4))[0, 0, 1]
         tensor([0.6923, 1.0000, 1.0000, 0.6923], dtype=torch.float64)
     """
-    shapes, lead = as_mask(mask, spatial_ndim)
+    shapes, batch_shape = as_mask(mask, spatial_ndim)
     real_dtype(dtype)
-    problem = pose(shapes, rho, lead)
-    solved = solve(problem, lead, tol=tol, method="auto")
+    problem = pose(shapes, rho, batch_shape)
+    solved = solve(problem, batch_shape, tol=tol, method="auto")
     value = solved.value
     if isinstance(rho, Tensor) and rho.requires_grad:
-        length = rho.to(value).broadcast_to(lead).reshape(-1, *[1] * (value.ndim - 1))
+        length = rho.to(value).broadcast_to(batch_shape).reshape(-1, *[1] * (value.ndim - 1))
         value = attach_gradient(value, shapes / (2 + length**-2), solved.error_bound, everywhere=False)
     return normalised(value).reshape(mask.shape).to(dtype or value.dtype)
 
@@ -145,17 +147,17 @@ def largest(x: Tensor) -> Tensor:
 
 def solve(
     problem: Problem,
-    lead: tuple[int, ...],
+    batch_shape: tuple[int, ...],
     *,
     tol: float,
     method: str,
     max_sweeps: int | None = None,
     throw: bool = True,
 ) -> FieldSolution:
-    """Solve a posed problem by the method of that name; `lead` is for the message that names failed shapes."""
+    """Solve a posed problem by the method of that name; `batch_shape` is for the message that names failed shapes."""
     tol = positive(tol, "tol")
     choice(method, ("auto", *METHODS), "method")
     solved = METHODS[automatic(problem) if method == "auto" else method](problem, tol, max_sweeps)
     if throw:
-        raise_failures(solved.status, solved.error_bound, solved.num_sweeps, tol, lead)
+        raise_failures(solved.status, solved.error_bound, solved.num_sweeps, tol, batch_shape)
     return solved

@@ -1,4 +1,4 @@
-"""BiCGStab on arrays, with any operator: what elimination leaves over, which is rare, so that it need not be compiled."""
+"""BiCGStab on arrays, with any operator. What elimination leaves over is rare, so this is not compiled."""
 
 from collections.abc import Callable
 

@@ -55,7 +55,7 @@ def _count_entropies(values, begin, peak, bins, slack, tally, found):  # type: i
         size = begin[level + 1] - begin[level]
         for x in range(begin[level], begin[level + 1]):
             tally[_bin(values[x], peak, bins, slack)] += 1
-        total = 0
+        total = np.int64(0)
         for x in range(begin[level], begin[level + 1]):
             cell = _bin(values[x], peak, bins, slack)
             if 0 < tally[cell] < size:

@@ -32,27 +32,47 @@ DENSE = 48  # feedback vertices up to which elimination beats BiCGStab
 _ITERATIONS = 1000  # rarely needed, but a component left inexact ties its pixels into still larger ones next time
 
 
-def solve_cycle(  # type: ignore[no-untyped-def]
-    v: np.ndarray, root: int, up, down, factors, screening: float, tol: float, owner, chains
+def solve_cycle(
+    v: np.ndarray,
+    root: int,
+    up: np.ndarray,
+    down: np.ndarray,
+    factors: np.ndarray,
+    screening: float,
+    tol: float,
+    owner: np.ndarray,
+    chains: np.ndarray,
 ) -> int:
     """Solve a pixel and all it depends on, in place; returns the number of unknowns in components that were no chain.
 
     Components with more than `DENSE` feedback vertices are solved to `tol`, all others exactly. `owner` is 0 or less
-    at what is unsolved, and 0 at what this has solved.
+    at what is unsolved, and 0 at what this has solved; `chains`, (ROWS, pixels), is scratch.
     """
     search = np.zeros(4, np.int64)
-    unknowns = search_components(v, root, up, down, factors, screening, owner, chains, search)
-    while search[MEMBERS]:
-        unknowns += _solve_large(v, search, up, down, factors, screening, tol, owner, chains)
+    unknowns = 0
+    while True:
         unknowns += search_components(v, root, up, down, factors, screening, owner, chains, search)
-    return int(unknowns)
+        if search[MEMBERS] == 0:
+            return unknowns
+        # A component is left over. The kernels that it needs compile when they are first needed.
+        stop = int(search[PENDING])
+        first = stop - int(search[MEMBERS])
+        rows = component_rows(v, first, stop, chains, owner, up, factors)
+        _iterate(v, *rows, tol)
+        solve_members(v, first, stop, chains, up, down, factors, screening)
+        unknowns += len(rows[0])
 
 
-def _solve_large(v, search, up, down, factors, screening, tol, owner, chains):  # type: ignore[no-untyped-def]
-    """Solve the component that the search has left to the caller; its kernels compile when they are first needed."""
-    stop = search[PENDING]
-    first = stop - search[MEMBERS]
-    target, constant, weight, index, feedback = component_rows(v, first, stop, chains, owner, up, factors)
+def _iterate(
+    v: np.ndarray,
+    target: np.ndarray,
+    constant: np.ndarray,
+    weight: np.ndarray,
+    index: np.ndarray,
+    feedback: np.ndarray,
+    tol: float,
+) -> None:
+    """Set v on the unknowns of a component by BiCGStab for its feedback vertices."""
     x = np.empty(feedback.size + target.size)
 
     def passed(share: float, z: np.ndarray) -> np.ndarray:
@@ -63,8 +83,6 @@ def _solve_large(v, search, up, down, factors, screening, tol, owner, chains):  
     z += bicgstab(lambda y: y - passed(0.0, y), passed(1.0, z) - z, tol, _ITERATIONS, lambda y: y)
     substitute(1.0, constant, weight, index, z, x)
     v[target] = np.maximum(x[feedback.size :], 0.0)
-    solve_members(v, first, stop, chains, up, down, factors, screening)
-    return target.size
 
 
 @kernel
