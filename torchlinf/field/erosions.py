@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
@@ -120,7 +121,7 @@ def _shape_by_shape(function: Callable[..., Any], *tensors: Tensor) -> Tensor:
         check()
         box = bounding_box(arrays[0][i] > 0)
         if arrays[0][i][box].size:
-            total[i][box] = torch.from_numpy(function(*(array[i][box].copy() for array in arrays)))
+            total[i][box] = torch.from_numpy(function(*(array[i][box].astype(np.float64) for array in arrays)))
 
     for_each(apply, len(total))
     return total

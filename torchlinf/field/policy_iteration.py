@@ -1,7 +1,7 @@
 """Policy iteration, method="compiled": coarse to fine; some sweeps, then one exact linear solve, until certified.
 
-Sweeps settle the policies nearby, the solve carries their values across the whole shape. They run only where the
-field still changes. A start from half the resolution has the values right to O(1/D), so that the number of rounds
+Sweeps correct the policies nearby, the solve carries their values across the whole shape. They run only where the
+field still changes. A start from half the resolution has the values right to O(1/D), so that the number of solves
 hardly grows with D.
 """
 
@@ -25,9 +25,9 @@ SWEEPS = 40  # a sweep costs 3^(n-1) rows, a solve the same in all dimensions: s
 # or D / 8 if that is more; doubled where progress stalls, since sweeps alone converge
 LARGE = 60_000  # pixels from which on it pays to find out where sweeps are needed
 BURST = 5  # sweeps after which it is decided anew where to sweep
-SETTLED = 1e-3  # share of the largest residual below which a tile rests
+AT_REST = 1e-3  # share of the largest residual below which a tile rests
 WORK = 10  # sweeps of the whole shape whose cost is always spent between two solves: a solve costs several times that
-PATIENCE = 3  # rounds without half the residual after which progress counts as stalled
+PATIENCE = 3  # solves without half the residual after which progress counts as stalled
 COARSEST = 24  # radius up to which no coarser grid is worth its while
 COARSE_TOL = 0.01  # residual beyond which a coarse field would be no better a start
 TIE = 1e-11  # share of max f within which neighbours are equal: rounding, not geometry
@@ -64,7 +64,7 @@ def solve_shape(mask: np.ndarray, rho: float | None, tol: float, check: Callable
         mask: bool, any box that holds the shape; the smallest one is the quickest.
         rho: screening length in pixels; None means the radius.
         tol: relative error to certify.
-        check: called between the rounds of the solve, so that it can end the solve by an exception.
+        check: called before each linear solve, so that it can end the solve by an exception.
 
     Returns:
         The finished solve. `v` and `shape.distance` are flat, on the padded grid.
@@ -213,7 +213,7 @@ class PolicyIteration:
             return self.certify()
         done, before = 0, self.num_sweeps
         while (done < count or self.num_sweeps - before < WORK) and self.num_sweeps + 3 <= self.limit:
-            active_set.select(SETTLED * self.residual)
+            active_set.select(AT_REST * self.residual)
             burst = min(BURST, int((self.limit - self.num_sweeps - 2) / active_set.share))
             stencil.sweep(v, active_set.starts, active_set.ends, rows, weight, None, burst, self.buffer)
             done += burst

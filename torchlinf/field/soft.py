@@ -87,12 +87,14 @@ def soft_linf_field(
             largest soft distance of each slice, but at least 1.
         slices: number of equal intervals of the probability, 1 or more; time and memory grow with it, but on a binary
             mask.
-        tol: relative error each slice is certified to.
+        tol: relative error of the field of each slice, a number above 0; the bound is proven at every pixel.
         spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
 
     Returns:
-        Tensor like `probability`, in [0, 1]; on a binary mask that is `linf_field`. All zeros for an empty mask.
-        Differentiable once, with respect to `probability` and `rho`, by the implicit function theorem.
+        Tensor like `probability`, in [0, 1]; on a binary mask that is `linf_field` up to `tol`. All zeros for an empty
+        mask; a full mask is a box. Differentiable once, with respect to `probability` and `rho`, by the implicit
+        function theorem: one linear solve a slice. It is computed in float64 (float32 on devices without it), and
+        returned in the dtype of `probability`.
 
     Raises:
         TypeError: an argument is of the wrong type.

@@ -186,7 +186,7 @@ def residual(value: Tensor, mask: Tensor, screening: Tensor) -> Tensor:
     """Residual R(v) = M v + N v + 1 - (2 + s) v of the equation on the shapes, 0 outside; see `System.residual`.
 
     Args:
-        value: v, `(N, *spatial)`, 0 outside the shapes.
+        value: v, `(N, *spatial)`; what it is outside the shapes counts for the pixels beside it.
         mask: `(N, *spatial)` bool.
         screening: s = 1 / rho^2, `(N,)`.
 
@@ -196,7 +196,9 @@ def residual(value: Tensor, mask: Tensor, screening: Tensor) -> Tensor:
     >>> residual(torch.tensor([[0.5]]), torch.tensor([[True]]), torch.tensor([1.0])).tolist()
     [[0.0]]
     """
-    layout = Layout(mask)
+    layout = Layout(mask | (value != 0))
     inside = layout.rows(layout.pack(mask.to(value)))
-    system = System(layout, inside, screening.to(value)[:, None], torch.zeros(len(mask), dtype=torch.int64))
+    system = System(
+        layout, inside, screening.to(value)[:, None], torch.zeros(len(mask), dtype=torch.int64, device=mask.device)
+    )
     return layout.unpack(system.residual(layout.pack(value)))

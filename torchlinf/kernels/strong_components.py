@@ -58,19 +58,19 @@ def solve_cycle(
         stop = int(search[PENDING])
         first = stop - int(search[MEMBERS])
         rows = component_rows(v, first, stop, chains, owner, up, factors)
-        _iterate(v, *rows, tol)
+        _iterate(v, tol, *rows)
         solve_members(v, first, stop, chains, up, down, factors, screening)
         unknowns += len(rows[0])
 
 
 def _iterate(
     v: np.ndarray,
+    tol: float,
     target: np.ndarray,
     constant: np.ndarray,
     weight: np.ndarray,
     index: np.ndarray,
     feedback: np.ndarray,
-    tol: float,
 ) -> None:
     """Set v on the unknowns of a component by BiCGStab for its feedback vertices."""
     x = np.empty(feedback.size + target.size)
