@@ -2,6 +2,7 @@
 
 import gc
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -14,10 +15,11 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 
 
-def probe(*arguments: str) -> dict[str, Any]:
-    """Run this file in a fresh process and read what it prints."""
+def probe(*arguments: str, **environment: str) -> dict[str, Any]:
+    """Run this file in a fresh process, with more environment variables, and read what it prints."""
     command = [sys.executable, "-m", "benchmarks.probes", *arguments]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    variables = {**os.environ, **environment}
+    done = subprocess.run(command, cwd=ROOT, env=variables, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"{' '.join(arguments)}: the probe failed\n{done.stderr}")
     found: dict[str, Any] = json.loads(done.stdout)
@@ -35,12 +37,13 @@ def startup(call: str) -> dict[str, Any]:
     mask = torch.zeros(96, 128, dtype=torch.bool)
     mask[8:80, 8:60] = mask[20:50, 40:120] = mask[70:90, 15:25] = True  # a shape that needs more than its start
     run = getattr(torchlinf, call)
-    seconds = []
+    seconds, processor = [], []
     for _ in range(2):
-        began = time.perf_counter()
+        began, busy = time.perf_counter(), time.process_time()
         run(mask, spatial_ndim=2)
         seconds.append(time.perf_counter() - began)
-    return {"import": imported, "first": seconds[0], "again": seconds[1]}
+        processor.append(time.process_time() - busy)
+    return {"import": imported, "first": seconds[0], "again": seconds[1], "processor": processor[0]}
 
 
 def compiler() -> dict[str, Any]:

@@ -39,6 +39,12 @@ def relative_error(value: Tensor, exact: np.ndarray) -> np.ndarray:
     return error.reshape(len(exact), -1).max(axis=1)
 
 
+@pytest.mark.parametrize("name", ["throw", "compile"])
+def test_flags_are_checked(name: str) -> None:
+    with pytest.raises(TypeError, match=f"{name} must be True or False; got 1. Pass a bool"):
+        solve_field(torch.ones(1, 1, 3, 4), **{name: 1})  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("method", EVERY_METHOD)
 @pytest.mark.parametrize("name", problems.catalogue())
 def test_awkward_shapes_equal_the_oracle(name: str, method: str) -> None:

@@ -9,15 +9,14 @@ import torch
 from torch import Tensor
 
 from torchlinf.field import pose
-from torchlinf.field.accelerated_value_iteration import Accelerated
+from torchlinf.field.accelerated_value_iteration import AcceleratedValueIteration
 from torchlinf.field.certificate import RESOLUTION, certify
 from torchlinf.field.iterate import Method, iterate
-from torchlinf.field.layout import Layout, System
 from torchlinf.field.problem import Problem
 from torchlinf.field.solution import FieldSolution, Status
 from torchlinf.field.start import square_profile, start
-from torchlinf.field.stencil import block_max, block_min, residual
-from torchlinf.field.value_iteration import Monotone
+from torchlinf.field.stencil import Layout, System, block_max, block_min, residual
+from torchlinf.field.value_iteration import ValueIteration
 
 
 def posed(masks: Tensor, rho: float | None = None) -> Problem:
@@ -61,7 +60,7 @@ def test_the_start_is_a_supersolution(sizes: tuple[int, ...], rho: float | None)
 def test_the_start_is_exact_around_the_centres() -> None:
     masks = problems.random_batch(21, 10, (17, 22))
     problem = posed(masks)
-    solution = iterate(Accelerated, problem, 1e-12, None).value
+    solution = iterate(AcceleratedValueIteration, problem, 1e-12, None).value
     for mask, distance, first, value in zip(masks, problem.distance, start(problem), solution, strict=True):
         centres = (distance == distance.max()).nonzero()
         away = (mask.nonzero()[:, None] - centres).abs().amax(dim=2).amin(dim=1)
@@ -75,7 +74,7 @@ def test_monotone_decreases_to_the_field() -> None:
     problem = posed(masks)
     layout = Layout(masks)
     inside = layout.rows(layout.pack(masks.double()))
-    method = Monotone(
+    method = ValueIteration(
         System(layout, inside, problem.screening[:, None], problem.radius.long()), layout.pack(start(problem))
     )
     exact = torch.from_numpy(np.stack([problems.naive_field(mask) for mask in masks.numpy()]))
@@ -115,7 +114,7 @@ def test_the_layout_holds_the_common_box_only() -> None:
     assert torch.equal(layout.unpack(layout.rows(layout.pack(values))), values)
 
 
-@pytest.mark.parametrize("kind", [Monotone, Accelerated])
+@pytest.mark.parametrize("kind", [ValueIteration, AcceleratedValueIteration])
 def test_groups_do_not_matter(kind: type[Method], monkeypatch: pytest.MonkeyPatch) -> None:
     problem = posed(problems.random_batch(23, 9, (14, 19)))
     solved = []
@@ -134,13 +133,13 @@ def test_threads_do_not_matter() -> None:
     try:
         for number in (1, 2):
             torch.set_num_threads(number)
-            solved.append(iterate(Accelerated, problem, 1e-2, None))
+            solved.append(iterate(AcceleratedValueIteration, problem, 1e-2, None))
     finally:
         torch.set_num_threads(threads)
     assert same(*solved)
 
 
-@pytest.mark.parametrize("kind", [Monotone, Accelerated])
+@pytest.mark.parametrize("kind", [ValueIteration, AcceleratedValueIteration])
 def test_the_best_values_are_kept(kind: type[Method]) -> None:
     problem = posed(problems.random_batch(24, 4, (20, 26)))
     bounds = torch.stack([iterate(kind, problem, 1e-12, sweeps).error_bound for sweeps in range(1, 200, 9)])
@@ -150,7 +149,7 @@ def test_the_best_values_are_kept(kind: type[Method]) -> None:
     assert torch.equal(solved.error_bound, expected)
 
 
-class Reckless(Accelerated):
+class Reckless(AcceleratedValueIteration):
     """Twice the momentum that is stable, until the damping has grown to 1, and no restarts: diverges."""
 
     def step(self) -> None:
@@ -164,7 +163,7 @@ class Reckless(Accelerated):
 
 def test_what_does_not_converge_falls_back(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = posed(problems.random_batch(25, 4, (36, 41)))
-    expected = iterate(Monotone, problem, 1e-10, None)
+    expected = iterate(ValueIteration, problem, 1e-10, None)
     found = iterate(Reckless, problem, 1e-10, 20_000)
     assert (found.status == Status.CONVERGED).all()
     torch.testing.assert_close(found.value, expected.value, rtol=2.1e-10, atol=0)
@@ -172,13 +171,13 @@ def test_what_does_not_converge_falls_back(monkeypatch: pytest.MonkeyPatch) -> N
     assert (iterate(Reckless, problem, 1e-10, 20_000).status != Status.CONVERGED).any()
 
 
-@pytest.mark.parametrize("kind", [Monotone, Accelerated])
+@pytest.mark.parametrize("kind", [ValueIteration, AcceleratedValueIteration])
 def test_float32_is_certified_as_far_as_it_goes(kind: type[Method]) -> None:
     """As on devices without float64: tol is out of reach, some ulps of the largest value are not."""
     masks = problems.random_batch(26, 6, (26, 33))
     masks[0, 2:24, 3:30] = True
     problem = posed(masks)
-    exact = iterate(Accelerated, problem, 1e-11, None).value
+    exact = iterate(AcceleratedValueIteration, problem, 1e-11, None).value
     single = Problem(masks, problem.distance, problem.radius, problem.screening.float())
     found = iterate(kind, single, 1e-9, None)
     assert found.value.dtype == torch.float32
@@ -207,6 +206,6 @@ def appendages() -> Tensor:
 @pytest.mark.parametrize("mask", [problems.disc(32), problems.disc(40), appendages()], ids=["disc32", "disc40", "S2"])
 def test_at_most_40_sweeps_a_pixel_of_radius(mask: Tensor) -> None:
     problem = posed(mask[None])
-    solved = iterate(Accelerated, problem, 1e-9, None)
+    solved = iterate(AcceleratedValueIteration, problem, 1e-9, None)
     assert solved.error_bound <= 1e-9
     assert 1 < solved.num_sweeps.item() <= 40 * problem.radius.item()

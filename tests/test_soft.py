@@ -323,8 +323,8 @@ def test_complexity_by_groups_of_shapes(slices: int, monkeypatch: pytest.MonkeyP
     probability = grey(3, 2, 11, 9)
     rho = torch.tensor([[2.0], [3.0], [5.0]], dtype=torch.float64)
     solves: list[int] = []
-    solve = soft_field.solve_graded
-    monkeypatch.setattr(soft_field, "solve_graded", lambda *given: solves.append(1) or solve(*given))
+    solve = soft_field.solve_weighted
+    monkeypatch.setattr(soft_field, "solve_weighted", lambda *given: solves.append(1) or solve(*given))
     found = []
     for pixels in (1 << 16, 4 * 99, 1):
         monkeypatch.setattr(soft_measure, "GROUP_PIXELS", pixels)

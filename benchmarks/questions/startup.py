@@ -1,4 +1,6 @@
-"""How long do the import and the first call in a fresh process take?"""
+"""How long do the import and the first call in a fresh process take, and the first call on a fresh machine?"""
+
+import tempfile
 
 from benchmarks.probes import probe
 from benchmarks.questions.common import median
@@ -28,6 +30,11 @@ def run(size: Size) -> Result:
             if call == "solve_field":
                 seconds["again"].append(found["again"])
         seconds["compiler"].append(probe("compiler")["first"])
+    compiling = []
+    for _ in range(size.processes):
+        with tempfile.TemporaryDirectory() as folder:
+            first, second = (probe("startup", "complexity", NUMBA_CACHE_DIR=folder) for _ in range(2))
+        compiling.append(first["processor"] - second["processor"])
     rows: list[list[Cell]] = [
         [WHAT[name], 1e3 * median(values), 1e3 * min(values), 1e3 * max(values)] for name, values in seconds.items()
     ]
@@ -39,9 +46,10 @@ def run(size: Size) -> Result:
             Target(
                 "first call in a fresh process, kernels cached", "<=", 0.5, None, median(seconds["solve_field"]), " s"
             ),
+            Target("compiling for the first 2-D `complexity`, processor time", "<=", 8, None, median(compiling), " s"),
         ],
         tables=[
             Table("Fresh processes, kernels cached by an earlier one", ["what", "ms, median", "least", "most"], rows)
         ],
-        raw={name: {"wall": values} for name, values in seconds.items()},
+        raw={**{name: {"wall": values} for name, values in seconds.items()}, "compiling": {"processor": compiling}},
     )

@@ -6,7 +6,7 @@ CPU). What other packages of torchlinf may use is in `__all__`.
 
 from torchlinf.field.certificate import RESOLUTION, certify
 from torchlinf.field.distance import chessboard_distance
-from torchlinf.field.implicit_gradient import soft_distance_of
+from torchlinf.field.erosions import soft_distance_of
 from torchlinf.field.methods import METHODS, solve_shape, uses_kernels
 from torchlinf.field.problem import pose
 from torchlinf.field.soft import (

@@ -1,17 +1,17 @@
-"""The fast method in torch operations: Nesterov steps over pairs of sweeps, with restart."""
+"""Accelerated value iteration, method="accelerated": Nesterov steps over pairs of sweeps, with restart."""
 
 import math
 
 import torch
 from torch import Tensor
 
-from torchlinf.field.layout import System
+from torchlinf.field.stencil import System
 
 TEST_EVERY = 16
 
 
-class Accelerated:
-    """x <- T T y at y = x + b (x - x_prev); see docs/method, "How it is solved".
+class AcceleratedValueIteration:
+    """Accelerated value iteration: x <- T T y at y = x + b (x - x_prev); see docs/method, "How it is solved".
 
     Momentum on single sweeps diverges: on a chain of pixels T has eigenvalues down to -1. Those of T T are all
     positive. Averaging, (y + T y) / 2, would achieve the same, but pairs of sweeps also damp the waves that momentum
@@ -35,7 +35,7 @@ class Accelerated:
         self.system = system
         self.line = line
         self._ahead, self._new, self._middle = line.clone(), line.clone(), line.clone()
-        self._damping = (system.screening + (math.pi / (2 * system.radius[:, None])) ** 2).sqrt()
+        self._damping = (system.least_screening + (math.pi / (2 * system.radius[:, None])) ** 2).sqrt()
         self._since_restart = torch.zeros_like(self._damping)
         self._since_test = torch.zeros_like(self._damping)
         self._longest = torch.full_like(self._damping, torch.inf)

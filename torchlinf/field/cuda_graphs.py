@@ -6,11 +6,11 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-ROUND = 16  # sweeps in a graph; after these a method's buffers are back in their places
+GRAPH_SWEEPS = 16  # sweeps in a graph; after these a method's buffers are back in their places
 
 
 class Stepping(Protocol):
-    """What takes steps in place, on buffers that are back in their places after `ROUND` sweeps."""
+    """What takes steps in place, on buffers that are back in their places after `GRAPH_SWEEPS` sweeps."""
 
     line: Tensor
     step_sweeps: int
@@ -19,32 +19,32 @@ class Stepping(Protocol):
         """Go on by `step_sweeps` sweeps."""
 
 
-class Rounds:
+class Replay:
     """Takes the steps of one method until its buffers change, as they do when shapes leave the batch."""
 
     def __init__(self, method: Stepping) -> None:
         self._method = method
-        self._replay: Callable[[], None] | None = None
+        self._graph: Callable[[], None] | None = None
 
     def run(self, sweeps: int) -> int:
         """Take as many whole steps as fit into `sweeps`; the number of sweeps taken."""
         per_step = self._method.step_sweeps
         left = sweeps
-        while uses_graphs(self._method.line) and left >= ROUND:
-            left -= self._round()
+        while uses_graphs(self._method.line) and left >= GRAPH_SWEEPS:
+            left -= self._replay_graph()
         for _ in range(left // per_step):
             self._method.step()
         return sweeps - left % per_step
 
-    def _round(self) -> int:
-        if self._replay is None:
-            self._replay = captured(self._steps)  # which also takes them once
+    def _replay_graph(self) -> int:
+        if self._graph is None:
+            self._graph = captured(self._steps)  # which also takes them once
         else:
-            self._replay()
-        return ROUND
+            self._graph()
+        return GRAPH_SWEEPS
 
     def _steps(self) -> None:
-        for _ in range(ROUND // self._method.step_sweeps):
+        for _ in range(GRAPH_SWEEPS // self._method.step_sweeps):
             self._method.step()
 
 

@@ -38,8 +38,8 @@ def chessboard_distance(mask: Tensor, *, spatial_ndim: int | None = None) -> Ten
                 [1, 2, 2, 2, 2, 1],
                 [1, 1, 1, 1, 1, 1]], dtype=torch.int32)
     """
-    shapes, lead = as_mask(mask, spatial_ndim)
-    return distance_of(shapes).reshape(*lead, *shapes.shape[1:])
+    shapes, batch_shape = as_mask(mask, spatial_ndim)
+    return distance_of(shapes).reshape(*batch_shape, *shapes.shape[1:])
 
 
 def distance_of(mask: Tensor) -> Tensor:
@@ -52,22 +52,22 @@ def compiled_distance(mask: Tensor) -> Tensor:
     from torchlinf.kernels import distance, grid
 
     masks = mask.numpy()
-    found = np.zeros(masks.shape, np.int32)
+    distances = np.zeros(masks.shape, np.int32)
 
     def measure(i: int, _: Callable[[], None]) -> None:
         box = bounding_box(masks[i])
         geometry = grid.make_grid(grid.pad(masks[i][box]))
-        found[i][box] = distance.chessboard_of(geometry).reshape(geometry.shape)[grid.interior(masks.ndim - 1)]
+        distances[i][box] = distance.chessboard_of(geometry).reshape(geometry.shape)[grid.interior(masks.ndim - 1)]
 
     for_each(measure, len(masks))
-    return torch.from_numpy(found)
+    return torch.from_numpy(distances)
 
 
 def eroded_distance(mask: Tensor) -> Tensor:
     """The same in torch operations, on any device.
 
     d(x) > r exactly where the block of radius r around x lies in the shape. So d - 1 is found bit by bit, from the
-    highest. Let a(x) < d(x) be the bits found, a multiple of 2h. Bit h is set where every y in the block of radius h
+    highest. Let a(x) < d(x) be the bits known, a multiple of 2h. Bit h is set where every y in the block of radius h
     around x has d(y) > a(x), which is a(y) >= a(x).
     - Where a(x) = 0, that is the erosion by radius h.
     - Elsewhere it is enough to look at x and the 2^n corners of that block: {d <= a(x)} is a union of blocks of radius
@@ -76,12 +76,12 @@ def eroded_distance(mask: Tensor) -> Tensor:
     """
     largest = (min(mask.shape[1:]) + 1) // 2
     dtype = next(dtype for dtype in (torch.uint8, torch.int16, torch.int32) if largest <= torch.iinfo(dtype).max)
-    found = torch.zeros_like(mask, dtype=dtype)
+    known = torch.zeros_like(mask, dtype=dtype)
     for h, eroded in reversed(_erosions(mask.contiguous().view(torch.uint8))):
-        here = found[:, *(slice(h, -h) for _ in mask.shape[1:])]
-        raised = torch.minimum(here, _corners(found, h)).add_(eroded.to(dtype), alpha=h)
-        torch.maximum(here, raised, out=here)
-    return found.add_(mask).to(torch.int32)
+        inner = known[:, *(slice(h, -h) for _ in mask.shape[1:])]
+        raised = torch.minimum(inner, _corners(known, h)).add_(eroded.to(dtype), alpha=h)
+        torch.maximum(inner, raised, out=inner)
+    return known.add_(mask).to(torch.int32)
 
 
 def _erosions(mask: Tensor) -> list[tuple[int, Tensor]]:

@@ -10,12 +10,35 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from torchlinf._boxes import bounding_box
 from torchlinf._parallel import for_each
 from torchlinf.kernels import usable
+
+
+def soft_distance_of(occupancy: Tensor) -> Tensor:
+    """The sum of all erosions of `(N, *spatial)`, differentiable once, without keeping the erosions."""
+    total: Tensor = _Erosions.apply(occupancy)  # type: ignore[no-untyped-call]
+    return total
+
+
+class _Erosions(torch.autograd.Function):
+    @staticmethod
+    def forward(occupancy: Tensor) -> Tensor:
+        return sum_of_erosions(occupancy)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Tensor], output: Tensor) -> None:
+        ctx.save_for_backward(inputs[0])
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> Tensor:
+        return pull_back(ctx.saved_tensors[0], gradient)
 
 
 def sum_of_erosions(occupancy: Tensor) -> Tensor:
@@ -92,16 +115,16 @@ def _reversed_iterates(first: Any, advance: Callable[[Any], Any], count: int) ->
 def _shape_by_shape(function: Callable[..., Any], *tensors: Tensor) -> Tensor:
     """Apply a function of arrays to every shape, several at a time, each cropped to where the first array is not 0."""
     arrays = [tensor.numpy() for tensor in tensors]
-    found = torch.zeros_like(tensors[0], memory_format=torch.contiguous_format)
+    total = torch.zeros_like(tensors[0], memory_format=torch.contiguous_format)
 
     def apply(i: int, check: Callable[[], None]) -> None:
         check()
         box = bounding_box(arrays[0][i] > 0)
         if arrays[0][i][box].size:
-            found[i][box] = torch.from_numpy(function(*(array[i][box].copy() for array in arrays)))
+            total[i][box] = torch.from_numpy(function(*(array[i][box].astype(np.float64, order="C") for array in arrays)))
 
-    for_each(apply, len(found))
-    return found
+    for_each(apply, len(total))
+    return total
 
 
 def _erode(x: Tensor) -> Tensor:
@@ -138,7 +161,7 @@ def _through_axis(flow: Tensor, before: Tensor, after: Tensor, dim: int) -> Tens
     left, middle, right = (part == after for part in _threes(before, dim))
     kept = flow * middle
     moved = (flow - kept) / (left.to(flow) + right).clamp(min=1)
-    found = torch.zeros_like(before)
-    for part, share in zip(_threes(found, dim), (moved * left, kept, moved * right), strict=True):
+    gradient = torch.zeros_like(before)
+    for part, share in zip(_threes(gradient, dim), (moved * left, kept, moved * right), strict=True):
         part += share
-    return found
+    return gradient

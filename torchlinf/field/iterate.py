@@ -1,4 +1,4 @@
-"""The loop that knows no method: rounds of sweeps, a certificate after each, finished shapes leave the batch."""
+"""The loop that knows no method: some sweeps, then a certificate, in turn; finished shapes leave the batch."""
 
 from collections.abc import Iterator
 from typing import Protocol
@@ -7,11 +7,11 @@ import torch
 from torch import Tensor
 
 from torchlinf.field.certificate import RESOLUTION, certify
-from torchlinf.field.cuda_graphs import ROUND, Rounds
-from torchlinf.field.layout import Layout, System
+from torchlinf.field.cuda_graphs import GRAPH_SWEEPS, Replay
 from torchlinf.field.problem import Problem
 from torchlinf.field.solution import FieldSolution, Status
 from torchlinf.field.start import start
+from torchlinf.field.stencil import Layout, System
 
 GROUP_PIXELS = 1 << 17
 NEVER = 1 << 60
@@ -47,17 +47,25 @@ def iterate(kind: type[Method], problem: Problem, tol: float, max_sweeps: int | 
     A bound below `RESOLUTION` ulps of the largest value is not asked for: rounding is in the way.
     """
     layout = Layout(problem.mask)
-    shapes = len(problem.radius)
-    answer = FieldSolution(
-        value=problem.screening.new_zeros(problem.mask.shape),
-        error_bound=torch.zeros_like(problem.screening),
-        num_sweeps=problem.radius.new_zeros(shapes, dtype=torch.int64),
-        num_solves=problem.radius.new_zeros(shapes, dtype=torch.int64),
-        status=problem.radius.new_full((shapes,), int(Status.EMPTY), dtype=torch.int64),
-    )
+    answer = unsolved(problem.radius, problem.screening.new_zeros(problem.mask.shape))
     for group in _groups(problem, layout.pixels):
-        _Batch(kind, problem, layout, group, max_sweeps).solve(tol, answer)
+        radius, screening = problem.radius[group].long(), problem.screening[group]
+        inside = layout.rows(layout.pack(problem.mask[group].to(screening.dtype)))
+        values = layout.pack(start(Problem(problem.mask[group], problem.distance[group], radius, screening)))
+        system = System(layout, inside, screening[:, None], radius, problem.compile)
+        Batch(kind, system, values, group, max_sweeps).solve(tol, answer)
     return answer
+
+
+def unsolved(radius: Tensor, value: Tensor) -> FieldSolution:
+    """A solution to be filled in, of the values 0: right for the empty shapes."""
+    return FieldSolution(
+        value=value,
+        error_bound=value.new_zeros(len(value)),
+        num_sweeps=torch.zeros_like(radius, dtype=torch.int64),
+        num_solves=torch.zeros_like(radius, dtype=torch.int64),
+        status=torch.full_like(radius, int(Status.EMPTY), dtype=torch.int64),
+    )
 
 
 def _groups(problem: Problem, pixels: int) -> Iterator[Tensor]:
@@ -67,30 +75,28 @@ def _groups(problem: Problem, pixels: int) -> Iterator[Tensor]:
     yield from (group for group in present.split(size) if len(group))
 
 
-class _Batch:
+class Batch:
     """The shapes of one group that are not solved yet, and the best certified values of each.
 
-    All of them have the same sweeps behind them, so the rounds, whose length follows from that number alone, are the
-    same for a shape in every batch.
+    All of them have the same sweeps behind them. How many sweeps follow before the next certificate depends on that
+    number alone, so it is the same for a shape in every batch.
     """
 
     def __init__(
-        self, kind: type[Method], problem: Problem, layout: Layout, group: Tensor, max_sweeps: int | None
+        self, kind: type[Method], system: System, values: Tensor, shape: Tensor, max_sweeps: int | None
     ) -> None:
-        radius, screening = problem.radius[group].long(), problem.screening[group]
-        inside = layout.rows(layout.pack(problem.mask[group].to(screening.dtype)))
-        values = layout.pack(start(Problem(problem.mask[group], problem.distance[group], radius, screening)))
-        self.layout = layout
-        self.shape = group
+        """Begin at `values`, a line of the system's layout; `shape` are the numbers of the shapes in the answer."""
+        self.layout = system.layout
+        self.shape = shape
         self.max_sweeps = max_sweeps
-        self.limit = kind.limit(radius) if max_sweeps is None else torch.full_like(radius, max_sweeps)
-        self.best = layout.rows(values).clone()
-        self.bound = torch.full_like(screening, torch.inf)
+        self.limit = kind.limit(system.radius) if max_sweeps is None else torch.full_like(system.radius, max_sweeps)
+        self.best = self.layout.rows(values).clone()
+        self.bound = torch.full_like(self.best[:, 0], torch.inf)
         # the last bound that was half of the one before, and when it was reached
-        self.mark, self.marked = self.bound, torch.zeros_like(radius)
+        self.mark, self.marked = self.bound, torch.zeros_like(system.radius)
         self.done = 0
-        self.method = kind(System(layout, inside, screening[:, None], radius, problem.compile), values)
-        self.rounds = Rounds(self.method)
+        self.method = kind(system, values)
+        self.replay = Replay(self.method)
 
     def solve(self, tol: float, answer: FieldSolution) -> None:
         """Work until no shape is left; write each into `answer` when it leaves."""
@@ -100,8 +106,8 @@ class _Batch:
             if leave.any():
                 self._finish(leave, status, answer)
             if len(self.shape):
-                self._watch()
-                self._round()
+                self._restart_stalled()
+                self._sweep()
 
     def _certify(self, tol: float) -> Tensor:
         """Keep what is better than the best; the status of the shapes that are to leave, NEVER for the others."""
@@ -112,7 +118,7 @@ class _Batch:
         self.bound = torch.where(better, bound, self.bound)
         torch.where(better[:, None], values, self.best, out=self.best)
         floor = RESOLUTION * torch.finfo(self.best.dtype).eps * self.best.amax(dim=1)
-        # a round is at least one step and its certificate
+        # at least one step and its certificate have to fit in
         status = torch.where(self.done + self.method.step_sweeps + 1 > self.limit, int(Status.MAX_SWEEPS), NEVER)
         status = torch.where(bound.isnan(), int(Status.NONFINITE), status)
         return torch.where(self.bound <= floor.clamp(min=tol), int(Status.CONVERGED), status)
@@ -127,9 +133,9 @@ class _Batch:
         self.shape, self.limit, self.best = self.shape[keep], self.limit[keep], self.best[keep]
         self.bound, self.mark, self.marked = self.bound[keep], self.mark[keep], self.marked[keep]
         self.method.select(keep)
-        self.rounds = Rounds(self.method)
+        self.replay = Replay(self.method)
 
-    def _watch(self) -> None:
+    def _restart_stalled(self) -> None:
         """Have the shapes fall back whose best bound has not halved in 6 D + 96 sweeps."""
         halved = self.bound <= self.mark / 2
         self.mark = torch.where(halved, self.bound, self.mark)
@@ -138,9 +144,9 @@ class _Batch:
         self.method.fall_back(stalled, self.best)
         self.marked = torch.where(stalled, self.done, self.marked)
 
-    def _round(self) -> None:
+    def _sweep(self) -> None:
         """Sweep for a sixteenth of all sweeps before, so that neither certificates nor sweeps too many cost much."""
-        sweeps = ROUND * max(1, self.done // ROUND**2)
+        sweeps = GRAPH_SWEEPS * max(1, self.done // GRAPH_SWEEPS**2)
         if self.max_sweeps is not None:
             sweeps = min(sweeps, self.max_sweeps - self.done - 1)
-        self.done += self.rounds.run(sweeps)
+        self.done += self.replay.run(sweeps)

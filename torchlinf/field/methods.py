@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf.field.accelerated_value_iteration import Accelerated
+from torchlinf.field.accelerated_value_iteration import AcceleratedValueIteration
 from torchlinf.field.iterate import iterate
 from torchlinf.field.problem import Problem
 from torchlinf.field.solution import FieldSolution
-from torchlinf.field.value_iteration import Monotone
+from torchlinf.field.value_iteration import ValueIteration
 from torchlinf.kernels import has_compiler, usable
 
 if TYPE_CHECKING:
@@ -35,14 +35,14 @@ def _compiled(problem: Problem, tol: float, max_sweeps: int | None) -> FieldSolu
         )
     if not has_compiler():
         raise ImportError('method="compiled" needs numba; it is not installed. Run: pip install numba')
-    from torchlinf.field.policy_iteration import compiled
+    from torchlinf.field.policy_iteration import solve_compiled
 
-    return compiled(problem, tol, max_sweeps)
+    return solve_compiled(problem, tol, max_sweeps)
 
 
 METHODS: dict[str, Solver] = {
-    "monotone": partial(iterate, Monotone),
-    "accelerated": partial(iterate, Accelerated),
+    "monotone": partial(iterate, ValueIteration),
+    "accelerated": partial(iterate, AcceleratedValueIteration),
     "compiled": _compiled,
 }
 

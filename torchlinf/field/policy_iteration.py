@@ -1,7 +1,7 @@
-"""The compiled CPU method: coarse to fine, a few sweeps, then policies and one exact linear solve, until certified.
+"""Policy iteration, method="compiled": coarse to fine; some sweeps, then one exact linear solve, until certified.
 
-Sweeps settle the policies nearby, the solve carries their values across the whole shape. They run only where the
-field still changes. A start from half the resolution has the values right to O(1/D), so that the number of rounds
+Sweeps correct the policies nearby, the solve carries their values across the whole shape. They run only where the
+field still changes. A start from half the resolution has the values right to O(1/D), so that the number of solves
 hardly grows with D.
 """
 
@@ -16,23 +16,25 @@ from torchlinf._parallel import for_each
 from torchlinf.field.certificate import RESOLUTION
 from torchlinf.field.problem import Problem
 from torchlinf.field.solution import FieldSolution, Status
-from torchlinf.kernels import chains, distance, grid, levels, sweeps
-from torchlinf.kernels.activity import Activity
+from torchlinf.kernels import coarse_grid, distance, grid, stencil
+from torchlinf.kernels.active_set import ActiveSet
+from torchlinf.kernels.chains import square_profile
+from torchlinf.kernels.policy_system import PolicySystem
 
 SWEEPS = 40  # a sweep costs 3^(n-1) rows, a solve the same in all dimensions: so many sweeps by n between two solves,
 # or D / 8 if that is more; doubled where progress stalls, since sweeps alone converge
 LARGE = 60_000  # pixels from which on it pays to find out where sweeps are needed
 BURST = 5  # sweeps after which it is decided anew where to sweep
-SETTLED = 1e-3  # share of the largest residual below which a tile rests
+AT_REST = 1e-3  # share of the largest residual below which a tile rests
 WORK = 10  # sweeps of the whole shape whose cost is always spent between two solves: a solve costs several times that
-PATIENCE = 3  # rounds without half the residual after which progress counts as stalled
+PATIENCE = 3  # solves without half the residual after which progress counts as stalled
 COARSEST = 24  # radius up to which no coarser grid is worth its while
 COARSE_TOL = 0.01  # residual beyond which a coarse field would be no better a start
 TIE = 1e-11  # share of max f within which neighbours are equal: rounding, not geometry
 NOISE = 1e-7  # share of the residual down to which linear solves go, and within which neighbours are equal meanwhile
 
 
-def compiled(problem: Problem, tol: float, max_sweeps: int | None) -> FieldSolution:
+def solve_compiled(problem: Problem, tol: float, max_sweeps: int | None) -> FieldSolution:
     """Solve shape by shape on the CPU, shapes in parallel on torch's number of threads."""
     masks = problem.mask.numpy()
     count = len(masks)
@@ -51,8 +53,8 @@ def compiled(problem: Problem, tol: float, max_sweeps: int | None) -> FieldSolut
             bound[i], work[:, i], status[i] = field.bound, (field.sweeps(), field.num_solves), field.status
 
     for_each(solve, count)
-    found = (torch.from_numpy(array) for array in (value, bound, work[0], work[1], status))
-    return FieldSolution(*found)
+    tensors = (torch.from_numpy(array) for array in (value, bound, work[0], work[1], status))
+    return FieldSolution(*tensors)
 
 
 def solve_shape(mask: np.ndarray, rho: float | None, tol: float, check: Callable[[], None]) -> "PolicyIteration":
@@ -62,7 +64,7 @@ def solve_shape(mask: np.ndarray, rho: float | None, tol: float, check: Callable
         mask: bool, any box that holds the shape; the smallest one is the quickest.
         rho: screening length in pixels; None means the radius.
         tol: relative error to certify.
-        check: called between the rounds of the solve, so that it can end the solve by an exception.
+        check: called before each linear solve, so that it can end the solve by an exception.
 
     Returns:
         The finished solve. `v` and `shape.distance` are flat, on the padded grid.
@@ -93,7 +95,7 @@ class Shape:
         flat = distance.chessboard_of(geometry) if known is None else known
         radius = int(flat.max())
         screening = 1.0 / radius**2 if screening is None else screening
-        return cls(geometry, flat, screening, levels.square_profile(radius, screening))
+        return cls(geometry, flat, screening, square_profile(radius, screening))
 
     @property
     def radius(self) -> int:
@@ -102,10 +104,7 @@ class Shape:
 
     def coarse(self) -> "Shape":
         """The shape at half the side: a pixel of it is inside if any of the 2^n pixels under it is."""
-        sizes = tuple((size - 1) // 2 for size in self.grid.shape)  # half of the unpadded size, rounded up
-        padded = np.zeros([size + 2 for size in sizes], dtype=np.bool_)
-        strides = np.array(grid.row_strides(padded.shape))
-        levels.coarsen(self.grid.starts, self.grid.ends, self.grid.strides, padded.reshape(-1), strides)
+        padded = coarse_grid.half_of((self.distance > 0).reshape(self.grid.shape))
         return Shape.from_padded(padded, 4 * self.screening)
 
 
@@ -117,15 +116,14 @@ class PolicyIteration:
         self.shape = shape
         self.check = check
         self.limit = 20_000 + 200 * shape.radius if max_sweeps is None else max_sweeps
-        self.v = np.zeros(shape.distance.size)
+        self.v = shape.profile[shape.distance]
         self.buffer = np.empty((4, shape.grid.shape[-1]))
-        self.activity = Activity(shape.grid) if shape.grid.pixels >= LARGE else None
+        self.active_set = ActiveSet(shape.grid) if shape.grid.pixels >= LARGE else None
         self.tol = max(tol, RESOLUTION * np.finfo(np.float64).eps * float(shape.profile[-1]))
         self.stencil = (self.v, shape.grid.starts, shape.grid.ends, shape.grid.rows)
         self.bound = np.inf
         self.num_sweeps = 0.0
         self.num_solves = 0
-        levels.set_profile(self.v, shape.distance, shape.grid.starts, shape.grid.ends, shape.profile)
 
     def sweeps(self) -> int:
         """Sweeps so far, those on coarse grids counted by their share of the pixels."""
@@ -153,18 +151,18 @@ class PolicyIteration:
 
     def certify(self) -> bool:
         """Bound the error of v; True once it is within the tolerance."""
-        if self.activity is not None:
-            self.activity.select_all()
-            return self.watch(self.activity)
+        if self.active_set is not None:
+            self.active_set.select_all()
+            return self.update_in(self.active_set)
         self.num_sweeps += 1
-        return self.judge(*sweeps.residual_bounds(*self.stencil, self.shape.screening, self.buffer))
+        return self.update_bound(*stencil.residual_bounds(*self.stencil, self.shape.screening, None, self.buffer))
 
-    def watch(self, activity: Activity) -> bool:
+    def update_in(self, active_set: ActiveSet) -> bool:
         """The same where v has changed in the selected tiles only."""
-        self.num_sweeps += activity.share
-        return self.judge(*activity.watch(self.v, self.shape.screening, self.buffer))
+        self.num_sweeps += active_set.share
+        return self.update_bound(*active_set.update_bound(self.v, self.shape.screening, self.buffer))
 
-    def judge(self, above: float, below: float) -> bool:
+    def update_bound(self, above: float, below: float) -> bool:
         """The bound from the largest positive and negative part of the residual."""
         self.bound = max(above, below) if above < 1 else np.inf
         self.residual = max(above, below)
@@ -178,7 +176,7 @@ class PolicyIteration:
         # at most half of what is allowed, so that the values scaled below are always swept and certified
         coarse = PolicyIteration(smaller, COARSE_TOL, int((self.limit - self.num_sweeps) / 2 / share), self.check)
         coarse.run()
-        levels.scale_by_parents(
+        coarse_grid.scale_by_parents(
             self.v, fine.starts, fine.ends, fine.strides, coarse.v, coarse.shape.distance, coarse.shape.profile,
             coarse.shape.grid.strides,
         )  # fmt: skip
@@ -186,40 +184,41 @@ class PolicyIteration:
 
     def iterate(self) -> None:
         """Sweep and solve in turn until certified, or the sweeps are used up."""
-        system = chains.PolicySystem(self.shape.grid, self.shape.screening)
+        system = PolicySystem(self.shape.grid, self.shape.screening)
         count, idle = max(SWEEPS // len(self.shape.grid.shape), self.shape.radius // 8), 0
         best = np.inf
         while self.sweeps() + 2 <= self.limit:
             self.check()
             count = min(count, self.limit - self.sweeps() - 1)
-            if self.settle(count) or self.sweeps() + 1 > self.limit:
+            if self.relax(count) or self.sweeps() + 1 > self.limit:
                 break
             idle = 0 if self.residual <= best / 2 else idle + 1
             best = min(best, self.residual)
             if idle == PATIENCE:
                 idle, count = 0, 2 * count
             tie = max(TIE * float(self.shape.profile[-1]), NOISE * self.residual)
-            sweeps.choose_policies(*self.stencil, tie, system.up, system.down, self.buffer)
+            stencil.choose_policies(*self.stencil, tie, system.up, system.down, self.buffer)
             system.solve(self.v, max(NOISE * self.residual, 1e-13 * float(self.shape.profile[-1])))
             self.num_solves += 1
             if self.certify():
                 break
 
-    def settle(self, count: int) -> bool:
+    def relax(self, count: int) -> bool:
         """Sweep `count` times, on large shapes only where v changes, and oftener if cheap; True once certified."""
-        activity, (v, *whole, rows) = self.activity, self.stencil
-        if activity is None:
-            sweeps.sweep(v, *whole, rows, self.shape.screening, count, self.buffer)
+        active_set, (v, *whole, rows) = self.active_set, self.stencil
+        weight = 1.0 / (2.0 + self.shape.screening)
+        if active_set is None:
+            stencil.sweep(v, *whole, rows, weight, None, count, self.buffer)
             self.num_sweeps += count
             return self.certify()
         done, before = 0, self.num_sweeps
         while (done < count or self.num_sweeps - before < WORK) and self.num_sweeps + 3 <= self.limit:
-            activity.select(SETTLED * self.residual)
-            burst = min(BURST, int((self.limit - self.num_sweeps - 2) / activity.share))
-            sweeps.sweep(v, activity.starts, activity.ends, rows, self.shape.screening, burst, self.buffer)
+            active_set.select(AT_REST * self.residual)
+            burst = min(BURST, int((self.limit - self.num_sweeps - 2) / active_set.share))
+            stencil.sweep(v, active_set.starts, active_set.ends, rows, weight, None, burst, self.buffer)
             done += burst
-            self.num_sweeps += burst * activity.share
-            activity.widen()
-            if self.watch(activity):
+            self.num_sweeps += burst * active_set.share
+            active_set.widen()
+            if self.update_in(active_set):
                 return True
         return False

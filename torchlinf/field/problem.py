@@ -28,13 +28,13 @@ class Problem:
     compile: bool = False
 
 
-def pose(mask: Tensor, rho: float | Tensor | None, lead: tuple[int, ...], compile: bool = False) -> Problem:
-    """The problem of a checked mask, bool (N, *spatial), with the screening rho of the leading shape `lead`."""
+def pose(mask: Tensor, rho: float | Tensor | None, batch_shape: tuple[int, ...], compile: bool = False) -> Problem:
+    """The problem of a checked mask, bool (N, *spatial), with the screening rho of the batch shape."""
     distance = distance_of(mask)
     radius = distance.flatten(1).amax(dim=1)
     length = radius.clamp(min=1).to(torch.float32 if mask.device.type == "mps" else torch.float64)
     if isinstance(rho, Tensor):
-        length = positive_tensor(rho, lead, "rho").to(length).reshape(-1)
+        length = positive_tensor(rho, batch_shape, "rho").to(length).reshape(-1)
     elif rho is not None:
         length = torch.full_like(length, positive(rho, "rho"))
     return Problem(mask, distance, radius, length**-2, compile)

@@ -11,22 +11,23 @@ import torch
 from torch import Tensor
 
 from torchlinf._checks import as_mask, count, positive, positive_tensor
-from torchlinf.field.implicit_gradient import attach_gradient, soft_distance_of
+from torchlinf.field.adjoint import attach_gradient
+from torchlinf.field.erosions import soft_distance_of
 from torchlinf.field.solution import FieldSolution, Status
 from torchlinf.field.solve import largest, normalised
-from torchlinf.field.weighted import solve_graded
+from torchlinf.field.weighted import solve_weighted
 
 LEAST = 1e-12  # occupancy below which a pixel counts as outside
 
 
 def as_probability(probability: Tensor, spatial_ndim: int | None) -> tuple[Tensor, tuple[int, ...]]:
-    """Check a probability and lay its shapes in a row: (N, *spatial), and the leading shape; halves become float32."""
+    """Check a probability and lay its shapes in a row: (N, *spatial), and the batch shape; halves become float32."""
     if not isinstance(probability, Tensor):
         kind = type(probability).__name__
         raise TypeError(f"probability must be a torch.Tensor; got {kind}. Pass torch.as_tensor(probability).")
     if not probability.is_floating_point():
         raise TypeError(f"probability must be floating point; got {probability.dtype}. Pass mask.float().")
-    lead = as_mask(torch.zeros_like(probability, dtype=torch.bool), spatial_ndim, "probability")[1]
+    batch_shape = as_mask(torch.zeros_like(probability, dtype=torch.bool), spatial_ndim, "probability")[1]
     if probability.numel():
         least, most = (bound.item() for bound in probability.detach().aminmax())
         if not 0 <= least <= most <= 1:
@@ -35,7 +36,7 @@ def as_probability(probability: Tensor, spatial_ndim: int | None) -> tuple[Tenso
                 "Pass torch.sigmoid(logits), or torch.softmax(logits, dim=1)."
             )
     dtype = torch.promote_types(probability.dtype, torch.float32)
-    return probability.to(dtype).reshape(math.prod(lead), *probability.shape[len(lead) :]), lead
+    return probability.to(dtype).reshape(math.prod(batch_shape), *probability.shape[len(batch_shape) :]), batch_shape
 
 
 def soft_chessboard_distance(probability: Tensor, *, spatial_ndim: int | None = None) -> Tensor:
@@ -61,8 +62,8 @@ def soft_chessboard_distance(probability: Tensor, *, spatial_ndim: int | None = 
         >>> soft_chessboard_distance(torch.tensor([0.0, 1.0, 1.0, 1.0, 0.5]), spatial_ndim=1)
         tensor([0.0000, 1.0000, 2.0000, 1.5000, 0.5000])
     """
-    shapes, lead = as_probability(probability, spatial_ndim)
-    return soft_distance_of(shapes).reshape(*lead, *shapes.shape[1:]).to(probability.dtype)
+    shapes, batch_shape = as_probability(probability, spatial_ndim)
+    return soft_distance_of(shapes).reshape(*batch_shape, *shapes.shape[1:]).to(probability.dtype)
 
 
 def soft_linf_field(
@@ -82,16 +83,18 @@ def soft_linf_field(
 
     Args:
         probability: (B, C, *spatial) with 1 to 4 spatial dimensions, floating point in [0, 1].
-        rho: screening length in pixels, a number or a tensor that broadcasts to the leading shape; None means the
+        rho: screening length in pixels, a number or a tensor that broadcasts to the batch shape; None means the
             largest soft distance of each slice, but at least 1.
         slices: number of equal intervals of the probability, 1 or more; time and memory grow with it, but on a binary
             mask.
-        tol: relative error each slice is certified to.
+        tol: relative error of the field of each slice, a number above 0; the bound is proven at every pixel.
         spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
 
     Returns:
-        Tensor like `probability`, in [0, 1]; on a binary mask that is `linf_field`. All zeros for an empty mask.
-        Differentiable once, with respect to `probability` and `rho`, by the implicit function theorem.
+        Tensor like `probability`, in [0, 1]; on a binary mask that is `linf_field` up to `tol`. All zeros for an empty
+        mask; a full mask is a box. Differentiable once, with respect to `probability` and `rho`, by the implicit
+        function theorem: one linear solve a slice. It is computed in float64 (float32 on devices without it), and
+        returned in the dtype of `probability`.
 
     Raises:
         TypeError: an argument is of the wrong type.
@@ -102,15 +105,15 @@ def soft_linf_field(
         >>> soft_linf_field(torch.ones(1, 1, 3, 4))[0, 0, 1]
         tensor([0.6923, 1.0000, 1.0000, 0.6923])
     """
-    shapes, lead = as_probability(probability, spatial_ndim)
+    shapes, batch_shape = as_probability(probability, spatial_ndim)
     number, tol = count(slices, "slices"), positive(tol, "tol")
     parts = []
     number = number_of_slices(shapes, number)
     for low in range(number):
         occupancy, reached = occupancy_of(shapes, number, low)
-        field = occupied_field(occupancy, length_of(rho, lead, soft_distance_of(occupancy)), tol)
+        field = occupied_field(occupancy, length_of(rho, batch_shape, soft_distance_of(occupancy)), tol)
         parts.append(field * reached.view(-1, *[1] * (field.ndim - 1)))
-    return normalised(torch.stack(parts).sum(dim=0)).reshape(*lead, *shapes.shape[1:]).to(probability.dtype)
+    return normalised(torch.stack(parts).sum(dim=0)).reshape(*batch_shape, *shapes.shape[1:]).to(probability.dtype)
 
 
 def number_of_slices(shapes: Tensor, slices: int) -> int:
@@ -134,11 +137,11 @@ def _cut(x: Tensor) -> Tensor:
     return torch.where((x >= 0) & (x <= 1), x, x.detach().clamp(0, 1))
 
 
-def length_of(rho: float | Tensor | None, lead: tuple[int, ...], distance: Tensor) -> Tensor:
+def length_of(rho: float | Tensor | None, batch_shape: tuple[int, ...], distance: Tensor) -> Tensor:
     """rho of every shape, `(N,)` float64."""
     if isinstance(rho, Tensor):
-        positive_tensor(rho, lead, "rho")
-        return rho.to(distance).broadcast_to(lead).reshape(-1)
+        positive_tensor(rho, batch_shape, "rho")
+        return rho.to(distance).broadcast_to(batch_shape).reshape(-1)
     if rho is not None:
         return distance.new_full((len(distance),), positive(rho, "rho"))
     return largest(distance).clamp(min=1)
@@ -153,7 +156,7 @@ def occupied_field(occupancy: Tensor, length: Tensor, tol: float, known: list[Fi
     s = length.reshape(-1, *[1] * (occupancy.ndim - 1)) ** -2
     weight = occupancy / (2 + s)
     if not known:
-        known.append(solve_graded(torch.where(weight.detach() > LEAST, weight.detach(), 0), tol))
+        known.append(solve_weighted(torch.where(weight.detach() > LEAST, weight.detach(), 0), tol))
     solved = known[0]
     if (solved.status == Status.MAX_SWEEPS).any():
         raise RuntimeError(

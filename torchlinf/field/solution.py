@@ -47,15 +47,15 @@ _ADVICE = {
 class FieldSolution:
     """The field of each shape of a batch and how far it can be trusted; made by `solve_field`.
 
-    `lead` stands for the leading dimensions of the mask, (B, C) by default.
+    (B, C) stands for the batch dimensions of the mask, which with `spatial_ndim` may be any number of dimensions.
 
     Attributes:
         value: f, like the mask, not normalised: positive inside, 0 outside.
-        error_bound: (*lead) largest relative error |value - f| / f over the shape, certified: a proven bound, not an
-            estimate. 0 for an empty shape, inf where nothing is certified.
-        num_sweeps: (*lead) int64, how often the stencil was applied to the shape, certificates included.
-        num_solves: (*lead) int64, linear solves.
-        status: (*lead) int64, values of `Status`.
+        error_bound: (B, C), a proven bound of the relative error |value - f| / f at every pixel of the shape. 0 for an
+            empty shape, inf where nothing is proven.
+        num_sweeps: (B, C) int64, how often the stencil was applied to the shape, certificates included.
+        num_solves: (B, C) int64, linear solves.
+        status: (B, C) int64, values of `Status`.
     """
 
     value: Tensor
@@ -65,14 +65,16 @@ class FieldSolution:
     status: Tensor
 
 
-def raise_failures(status: Tensor, error_bound: Tensor, num_sweeps: Tensor, tol: float, lead: tuple[int, ...]) -> None:
+def raise_failures(
+    status: Tensor, error_bound: Tensor, num_sweeps: Tensor, tol: float, batch_shape: tuple[int, ...]
+) -> None:
     """Raise RuntimeError naming the shapes that are neither certified nor empty, if there are any."""
     failed = ((status != Status.CONVERGED) & (status != Status.EMPTY)).nonzero()[:, 0].tolist()
     if not failed:
         return
     named = []
     for i in failed[:MAX_NAMED]:
-        place = tuple(int(index) for index in torch.unravel_index(torch.tensor(i), lead)) if lead else ()
+        place = tuple(int(index) for index in torch.unravel_index(torch.tensor(i), batch_shape)) if batch_shape else ()
         bound, sweeps = error_bound[i].item(), num_sweeps[i].item()
         named.append(f"{place}: {Status(int(status[i])).name}, error bound {bound:.2g} after {sweeps} sweeps")
     if len(failed) > MAX_NAMED:

@@ -3,8 +3,8 @@
 import torch
 from torch import Tensor
 
-from torchlinf._checks import as_mask, choice, count, positive, real_dtype
-from torchlinf.field.implicit_gradient import attach_gradient
+from torchlinf._checks import as_mask, choice, count, flag, positive, real_dtype
+from torchlinf.field.adjoint import attach_gradient
 from torchlinf.field.methods import METHODS, automatic
 from torchlinf.field.problem import Problem, pose
 from torchlinf.field.solution import FieldSolution, raise_failures
@@ -22,22 +22,25 @@ def solve_field(
     spatial_ndim: int | None = None,
     dtype: torch.dtype | None = None,
 ) -> FieldSolution:
-    """Solve max_B f + min_B f - (2 + 1/rho^2) f + 1 = 0 on every shape, with f = 0 outside, and certify the result.
+    """Solve max_B f + min_B f - (2 + 1/rho^2) f + 1 = 0 on every shape, with f = 0 outside, and bound the error.
 
     B is the 3^n block around a pixel, itself included. The solution f exists and is unique. On a box it depends on the
-    chessboard distance alone.
+    chessboard distance alone. Whatever method finds the values, their error is bounded from the residual of the
+    equation: the bound is proven, up to rounding, and holds at every pixel.
 
     Args:
         mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, nonzero is inside,
             beyond the array is outside. Each (b, c) is one shape, however many components it has.
-        rho: screening length in pixels, a number or a tensor that broadcasts to the leading shape; None means each
+        rho: screening length in pixels, a number or a tensor that broadcasts to the batch shape; None means each
             shape's own radius D, the largest chessboard distance in it.
         tol: relative error to reach. Residuals are known to a few ulps of the largest value, so no less than
             8 eps max f is asked for: that matters beyond D = 1200 in float64, and everywhere in float32.
-        method: "compiled" (CPU and numba only), "accelerated" (any device), "monotone" (the slow reference, plain
-            iteration from above), or "auto", the first of them that the mask's device and the installation allow.
-        max_sweeps: sweeps allowed to each shape; None means far more than the method needs: 400 D + 2000 for
-            "accelerated", 40 D^2 + 1000 for "monotone".
+        method: "compiled" is policy iteration in compiled kernels (CPU and numba only); "accelerated" is accelerated
+            value iteration in torch operations (any device); "monotone" is value iteration, the slow reference, whose
+            values decrease to the field (any device). "auto" is the first of these that the mask's device and the
+            installation allow.
+        max_sweeps: sweeps allowed to each shape, an integer of 1 or more; None means far more than the method needs:
+            20000 + 200 D for "compiled", 400 D + 2000 for "accelerated", 40 D^2 + 1000 for "monotone".
         throw: raise when a shape is not certified to `tol`; with False look at `status` and `error_bound` instead.
         compile: fuse the sweeps of "accelerated" and "monotone" by `torch.compile`, and let "auto" mean "accelerated".
             Meant for GPUs; on a CPU it costs some seconds at first and did not make them faster.
@@ -51,7 +54,8 @@ def solve_field(
 
     Raises:
         TypeError: an argument is of the wrong type.
-        ValueError: an argument has a wrong rank or value.
+        ValueError: an argument has a wrong rank or value, or `method` does not go with the device or with `compile`.
+        ImportError: `method` is "compiled", and numba is not installed.
         RuntimeError: with `throw`, if a shape is not certified to `tol`; the message names the shapes.
 
     Source: Arslan and Tari, "Complexity of Shapes Embedded in Z^n with a Bias Towards Squares", IEEE TIP 2020; the
@@ -65,17 +69,18 @@ def solve_field(
         >>> bool(solution.error_bound <= 1e-9), torchlinf.Status(int(solution.status)).name
         (True, 'CONVERGED')
     """
-    shapes, lead = as_mask(mask, spatial_ndim)
+    shapes, batch_shape = as_mask(mask, spatial_ndim)
     if max_sweeps is not None:
         max_sweeps = count(max_sweeps, "max_sweeps")
     real_dtype(dtype)
-    solved = solve(pose(shapes, rho, lead, compile), lead, tol=tol, method=method, max_sweeps=max_sweeps, throw=throw)
+    problem = pose(shapes, rho, batch_shape, flag(compile, "compile"))
+    solved = solve(problem, batch_shape, tol=tol, method=method, max_sweeps=max_sweeps, throw=flag(throw, "throw"))
     return FieldSolution(
-        value=solved.value.to(dtype or solved.value.dtype).reshape(*lead, *shapes.shape[1:]),
-        error_bound=solved.error_bound.reshape(lead),
-        num_sweeps=solved.num_sweeps.reshape(lead),
-        num_solves=solved.num_solves.reshape(lead),
-        status=solved.status.reshape(lead),
+        value=solved.value.to(dtype or solved.value.dtype).reshape(*batch_shape, *shapes.shape[1:]),
+        error_bound=solved.error_bound.reshape(batch_shape),
+        num_sweeps=solved.num_sweeps.reshape(batch_shape),
+        num_solves=solved.num_solves.reshape(batch_shape),
+        status=solved.status.reshape(batch_shape),
     )
 
 
@@ -87,14 +92,19 @@ def linf_field(
     spatial_ndim: int | None = None,
     dtype: torch.dtype | None = None,
 ) -> Tensor:
-    """The screened L-infinity field of every shape, normalised to a maximum of 1: `solve_field`, the values alone.
+    """The screened L-infinity field of every shape, divided by its largest value.
+
+    The field f solves max_B f + min_B f - (2 + 1/rho^2) f + 1 = 0 on the shape and is 0 outside; B is the 3^n block
+    around a pixel, itself included. `solve_field` gives f itself, its error bound and the choice of the method.
 
     Args:
-        mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1, nonzero is inside.
-        rho: screening length in pixels, a number or a tensor that broadcasts to the leading shape; None means each
-            shape's own radius.
-        tol: relative error before the normalisation, which at most doubles it; see `solve_field`.
-        spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
+        mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, nonzero is inside,
+            beyond the array is outside. Each (b, c) is one shape, however many components it has.
+        rho: screening length in pixels, a number or a tensor that broadcasts to the batch shape; None means each
+            shape's own radius D, the largest chessboard distance in it.
+        tol: relative error of the field before it is divided by its largest value, which about doubles the error at
+            most. No less than 8 eps max f is asked for, the limit of rounding.
+        spatial_ndim: if given, that many last dimensions are spatial, and all others, any number, are batch.
         dtype: of the result; None means float64, float32 on devices without it.
 
     Returns:
@@ -108,20 +118,20 @@ def linf_field(
         RuntimeError: a shape could not be certified to `tol`; the message names it. In the backward pass: the linear
             solve failed.
 
-    Source: see `solve_field`.
+    Source: Arslan and Tari, "Complexity of Shapes Embedded in Z^n with a Bias Towards Squares", IEEE TIP 2020.
 
     Example:
         >>> import torch, torchlinf
         >>> torchlinf.linf_field(torch.ones(1, 1, 3, 4))[0, 0, 1]
         tensor([0.6923, 1.0000, 1.0000, 0.6923], dtype=torch.float64)
     """
-    shapes, lead = as_mask(mask, spatial_ndim)
+    shapes, batch_shape = as_mask(mask, spatial_ndim)
     real_dtype(dtype)
-    problem = pose(shapes, rho, lead)
-    solved = solve(problem, lead, tol=tol, method="auto")
+    problem = pose(shapes, rho, batch_shape)
+    solved = solve(problem, batch_shape, tol=tol, method="auto")
     value = solved.value
     if isinstance(rho, Tensor) and rho.requires_grad:
-        length = rho.to(value).broadcast_to(lead).reshape(-1, *[1] * (value.ndim - 1))
+        length = rho.to(value).broadcast_to(batch_shape).reshape(-1, *[1] * (value.ndim - 1))
         value = attach_gradient(value, shapes / (2 + length**-2), solved.error_bound, everywhere=False)
     return normalised(value).reshape(mask.shape).to(dtype or value.dtype)
 
@@ -145,17 +155,17 @@ def largest(x: Tensor) -> Tensor:
 
 def solve(
     problem: Problem,
-    lead: tuple[int, ...],
+    batch_shape: tuple[int, ...],
     *,
     tol: float,
     method: str,
     max_sweeps: int | None = None,
     throw: bool = True,
 ) -> FieldSolution:
-    """Solve a posed problem by the method of that name; `lead` is for the message that names failed shapes."""
+    """Solve a posed problem by the method of that name; `batch_shape` is for the message that names failed shapes."""
     tol = positive(tol, "tol")
     choice(method, ("auto", *METHODS), "method")
     solved = METHODS[automatic(problem) if method == "auto" else method](problem, tol, max_sweeps)
     if throw:
-        raise_failures(solved.status, solved.error_bound, solved.num_sweeps, tol, lead)
+        raise_failures(solved.status, solved.error_bound, solved.num_sweeps, tol, batch_shape)
     return solved

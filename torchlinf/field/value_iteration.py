@@ -1,12 +1,15 @@
-"""The reference method: plain sweeps, which decrease from the start to the field without ever crossing it."""
+"""Value iteration, method="monotone": plain sweeps, which decrease to the field without ever crossing it."""
 
 from torch import Tensor
 
-from torchlinf.field.layout import System
+from torchlinf.field.stencil import System
 
 
-class Monotone:
-    """v <- T v. T is monotone and a contraction by 2 / (2 + s): this always ends, after a multiple of D^2 sweeps."""
+class ValueIteration:
+    """Value iteration: v <- T v.
+
+    T is monotone and a contraction by 2 / (2 + s): this always ends, after a multiple of D^2 sweeps.
+    """
 
     step_sweeps = 1
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from torchlinf.kernels._compile import kernel
+from torchlinf.kernels.compiler import inlined, kernel
 from torchlinf.kernels.grid import Grid
 
 
@@ -42,7 +42,7 @@ def chessboard(distance, starts, ends, rows, scratch):  # type: ignore[no-untype
                     values[j] = previous
 
 
-@kernel
+@inlined
 def _nearest(distance, start, length, rows, backward, scratch):  # type: ignore[no-untyped-def]
     """1 + the least distance among the block's rows before (or after) the run, column by column."""
     far = 2**30

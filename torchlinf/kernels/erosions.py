@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from torchlinf.kernels._compile import kernel
+from torchlinf.kernels.compiler import kernel
 
 
 def erode(x: np.ndarray) -> np.ndarray:

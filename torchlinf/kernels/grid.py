@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from torchlinf.kernels._compile import kernel
-
 
 @dataclass(frozen=True)
 class Grid:
@@ -36,7 +34,10 @@ def make_grid(padded: np.ndarray) -> Grid:
     """The grid of a padded mask."""
     strides = row_strides(padded.shape)
     rows = block_offsets(strides[:-1]) if padded.ndim > 1 else np.zeros(3, np.int64)
-    starts, ends, pixels = find_runs(padded.reshape(-1))
+    inside = padded.reshape(-1)
+    edges = np.flatnonzero(inside[1:] != inside[:-1]) + 1  # the ring is outside, so these are in pairs
+    starts, ends = np.ascontiguousarray(edges.reshape(-1, 2).T)
+    pixels = int(np.count_nonzero(inside))
     return Grid(padded.shape, np.array(strides), starts, ends, block_offsets(strides), rows, pixels)
 
 
@@ -63,22 +64,3 @@ def pad(values: np.ndarray) -> np.ndarray:
 def interior(ndim: int) -> tuple[slice, ...]:
     """The padded array without its ring."""
     return (slice(1, -1),) * ndim
-
-
-@kernel
-def find_runs(inside):  # type: ignore[no-untyped-def]
-    """Starts and ends (exclusive) of the runs of inside pixels in a flat padded mask, and how many these are."""
-    count = 0
-    for x in range(1, inside.size):
-        if inside[x] and not inside[x - 1]:
-            count += 1
-    starts = np.empty(count, np.int64)
-    ends = np.empty(count, np.int64)
-    run = 0
-    for x in range(1, inside.size):
-        if inside[x] and not inside[x - 1]:
-            starts[run] = x
-        elif inside[x - 1] and not inside[x]:
-            ends[run] = x
-            run += 1
-    return starts, ends, (ends - starts).sum()

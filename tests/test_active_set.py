@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from torchlinf.kernels import activity, grid
-from torchlinf.kernels.activity import Activity
+from torchlinf.kernels import active_set, grid
+from torchlinf.kernels.active_set import ActiveSet
 
 SIDES = {1: (83,), 2: (21, 75), 3: (11, 13, 70), 4: (4, 9, 10, 35)}
 
@@ -24,11 +24,11 @@ def residual(mask: np.ndarray, v: np.ndarray, screening: float) -> np.ndarray:
     return np.where(mask, high + low - (2 + screening) * v + 1, 0.0)
 
 
-def watch(found: Activity, geometry: grid.Grid, v: np.ndarray) -> tuple[float, float]:
-    return found.watch(v.reshape(-1), 0.01, np.empty((4, geometry.shape[-1])))
+def bounds(found: ActiveSet, geometry: grid.Grid, v: np.ndarray) -> tuple[float, float]:
+    return found.update_bound(v.reshape(-1), 0.01, np.empty((4, geometry.shape[-1])))
 
 
-def selected(found: Activity, size: int) -> np.ndarray:
+def selected(found: ActiveSet, size: int) -> np.ndarray:
     """The selection as flat flags, each pixel at most once."""
     count = np.zeros(size, int)
     for start, end in zip(found.starts, found.ends, strict=True):
@@ -42,7 +42,7 @@ def test_bounds_are_those_of_the_whole_array(ndim: int) -> None:
     mask, v = random_case(ndim, seed=ndim)
     geometry = grid.make_grid(mask)
     r = residual(mask, v, 0.01)
-    assert watch(Activity(geometry), geometry, v) == pytest.approx((r.max(), -r.min()), rel=1e-12)
+    assert bounds(ActiveSet(geometry), geometry, v) == pytest.approx((r.max(), -r.min()), rel=1e-12)
 
 
 @pytest.mark.parametrize("ndim", [1, 2, 3, 4])
@@ -50,27 +50,27 @@ def test_looking_again_beside_what_changed_is_looking_everywhere(ndim: int) -> N
     """The bounds must fall and rise with the change, so that a stale tile would show."""
     mask, v = random_case(ndim, seed=10 + ndim)
     geometry = grid.make_grid(mask)
-    found = Activity(geometry)
-    watch(found, geometry, v)
+    found = ActiveSet(geometry)
+    bounds(found, geometry, v)
     rng = np.random.default_rng(0)
     for factor in (0.1, 3.0, 0.01):
-        found.select(0.9 * max(watch(found, geometry, v)))
+        found.select(0.9 * max(bounds(found, geometry, v)))
         inside = selected(found, v.size).reshape(v.shape)
         v[inside] *= factor * rng.random(int(inside.sum()))
         found.widen()
         r = residual(mask, v, 0.01)
-        assert watch(found, geometry, v) == pytest.approx((r.max(), -r.min()), rel=1e-12)
+        assert bounds(found, geometry, v) == pytest.approx((r.max(), -r.min()), rel=1e-12)
 
 
 @pytest.mark.parametrize("ndim", [1, 2, 3, 4])
 def test_selection_is_the_tiles_above_the_threshold_and_their_neighbours(ndim: int) -> None:
     mask, v = random_case(ndim, seed=20 + ndim)
     geometry = grid.make_grid(mask)
-    found = Activity(geometry)
-    watch(found, geometry, v)
+    found = ActiveSet(geometry)
+    bounds(found, geometry, v)
     threshold = 0.95 * np.abs(residual(mask, v, 0.01)).max()
     tile = np.stack(np.indices(mask.shape)) // np.array(
-        [activity.ROWS] * (ndim - 1) + [activity.COLUMNS]
+        [active_set.ROWS] * (ndim - 1) + [active_set.COLUMNS]
     ).reshape(-1, *[1] * ndim)  # fmt: skip
     above = {tuple(t) for t in tile[:, np.abs(residual(mask, v, 0.01)) > threshold].T.tolist()}
     beside = np.zeros(mask.shape, bool)
@@ -85,7 +85,7 @@ def test_selection_is_the_tiles_above_the_threshold_and_their_neighbours(ndim: i
 def test_all_is_the_whole_shape() -> None:
     mask, _ = random_case(2, seed=3)
     geometry = grid.make_grid(mask)
-    found = Activity(geometry)
+    found = ActiveSet(geometry)
     found.select(0.0)
     assert found.share == 0
     found.select_all()

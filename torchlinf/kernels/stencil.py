@@ -2,14 +2,17 @@
 
 A run is a row segment of the shape. Its block max is taken in two steps that both vectorise: the max over the
 neighbouring rows, column by column, then over three adjacent columns.
+
+Screening s and weight w = 1 / (2 + s) are one number for the whole shape, or arrays with one number a pixel. The
+kernels take both forms: `screening` and `screenings`, of which the array is None where the number holds.
 """
 
 import numpy as np
 
-from torchlinf.kernels._compile import kernel
+from torchlinf.kernels.compiler import inlined, kernel
 
 
-@kernel
+@inlined
 def _row_extrema(v, rows, first, count, high, low):  # type: ignore[no-untyped-def]
     """Max and min over the neighbouring rows, for columns first .. first + count."""
     for group in range(0, rows.size, 3):
@@ -27,13 +30,12 @@ def _row_extrema(v, rows, first, count, high, low):  # type: ignore[no-untyped-d
 
 
 @kernel
-def sweep(v, starts, ends, rows, screening, num_sweeps, buffer):  # type: ignore[no-untyped-def]
-    """Apply T in place, `num_sweeps` times, row by row, down and up in turn.
+def sweep(v, starts, ends, rows, weight, weights, num_sweeps, buffer):  # type: ignore[no-untyped-def]
+    """v <- w (M v + N v + 1) in place, `num_sweeps` times, row by row, down and up in turn.
 
     A row sees the new values of the rows before it, which is still monotone and a contraction, needs no second
     array, and carries news across the whole shape in the direction of travel.
     """
-    inverse = 1.0 / (2.0 + screening)
     high, low = buffer[0], buffer[1]
     for number in range(num_sweeps):
         for k in range(starts.size):
@@ -42,14 +44,21 @@ def sweep(v, starts, ends, rows, screening, num_sweeps, buffer):  # type: ignore
             length = ends[run] - start
             _row_extrema(v, rows, start - 1, length + 2, high, low)
             values = v[start : start + length]
-            for j in range(length):
-                most = max(max(high[j], high[j + 1]), high[j + 2])
-                least = min(min(low[j], low[j + 1]), low[j + 2])
-                values[j] = (most + least + 1.0) * inverse
+            if weights is None:
+                for j in range(length):
+                    most = max(max(high[j], high[j + 1]), high[j + 2])
+                    least = min(min(low[j], low[j + 1]), low[j + 2])
+                    values[j] = (most + least + 1.0) * weight
+            else:
+                factors = weights[start : start + length]
+                for j in range(length):
+                    most = max(max(high[j], high[j + 1]), high[j + 2])
+                    least = min(min(low[j], low[j + 1]), low[j + 2])
+                    values[j] = (most + least + 1.0) * factors[j]
 
 
-@kernel
-def row_residuals(v, start, length, rows, screening, buffer):  # type: ignore[no-untyped-def]
+@inlined
+def row_residuals(v, start, length, rows, screening, screenings, buffer):  # type: ignore[no-untyped-def]
     """R(v) = (M v - v) - (v - N v) + (1 - s v) on one run, into buffer[2].
 
     In this order the two differences are exact in floating point, so R is known to a few ulps of 1, not of v.
@@ -57,21 +66,28 @@ def row_residuals(v, start, length, rows, screening, buffer):  # type: ignore[no
     high, low, residual = buffer[0], buffer[1], buffer[2]
     _row_extrema(v, rows, start - 1, length + 2, high, low)
     values = v[start : start + length]
+    if screenings is None:
+        for j in range(length):
+            residual[j] = 1.0 - screening * values[j]
+    else:
+        s = screenings[start : start + length]
+        for j in range(length):
+            residual[j] = 1.0 - s[j] * values[j]
     for j in range(length):
         most = max(max(high[j], high[j + 1]), high[j + 2])
         least = min(min(low[j], low[j + 1]), low[j + 2])
-        residual[j] = ((most - values[j]) - (values[j] - least)) + (1.0 - screening * values[j])
+        residual[j] = ((most - values[j]) - (values[j] - least)) + residual[j]
 
 
 @kernel
-def residual_bounds(v, starts, ends, rows, screening, buffer):  # type: ignore[no-untyped-def]
+def residual_bounds(v, starts, ends, rows, screening, screenings, buffer):  # type: ignore[no-untyped-def]
     """Largest positive and negative part of R(v) on the shape."""
     above = 0.0
     below = 0.0
     residual = buffer[2]
     for run in range(starts.size):
         length = ends[run] - starts[run]
-        row_residuals(v, starts[run], length, rows, screening, buffer)
+        row_residuals(v, starts[run], length, rows, screening, screenings, buffer)
         for j in range(length):
             above = max(above, residual[j])
             below = max(below, -residual[j])
@@ -93,27 +109,22 @@ def choose_policies(v, starts, ends, rows, tie, up, down, buffer):  # type: igno
         for j in range(length):
             most[j] = max(max(high[j], high[j + 1]), high[j + 2]) - tie
             least[j] = min(min(low[j], low[j + 1]), low[j + 2]) + tie
-        for row in range(rows.size - 1, -1, -1):  # descending, so that the smallest index is written last
-            _choose_in_row(v, start + rows[row], length, most, least, up[start:], down[start:])
         values, above, below = v[start : start + length], up[start : start + length], down[start : start + length]
+        for row in range(rows.size - 1, -1, -1):  # descending, so that the smallest index is written last
+            first = start + rows[row]
+            left, middle, right = (
+                v[first - 1 : first - 1 + length],
+                v[first : first + length],
+                v[first + 1 : first + 1 + length],
+            )
+            for j in range(length):
+                x = np.int32(first + j)
+                y = x + np.int32(1) if right[j] >= most[j] else above[j]
+                y = x if middle[j] >= most[j] else y
+                above[j] = x - np.int32(1) if left[j] >= most[j] else y
+                y = x + np.int32(1) if right[j] <= least[j] else below[j]
+                y = x if middle[j] <= least[j] else y
+                below[j] = x - np.int32(1) if left[j] <= least[j] else y
         for j in range(length):
             above[j] = start + j if values[j] >= most[j] else above[j]
             below[j] = start + j if values[j] <= least[j] else below[j]
-
-
-@kernel
-def _choose_in_row(v, first, length, most, least, above, below):  # type: ignore[no-untyped-def]
-    """Point every pixel to the first of its three neighbours in one row that holds its extremum, if one does."""
-    left, middle, right = (
-        v[first - 1 : first - 1 + length],
-        v[first : first + length],
-        v[first + 1 : first + 1 + length],
-    )
-    for j in range(length):
-        x = np.int32(first + j)
-        y = x + np.int32(1) if right[j] >= most[j] else above[j]
-        y = x if middle[j] >= most[j] else y
-        above[j] = x - np.int32(1) if left[j] >= most[j] else y
-        y = x + np.int32(1) if right[j] <= least[j] else below[j]
-        y = x if middle[j] <= least[j] else y
-        below[j] = x - np.int32(1) if left[j] <= least[j] else y

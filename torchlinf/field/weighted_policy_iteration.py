@@ -1,7 +1,6 @@
-"""The field for weights that differ from pixel to pixel, f = w (M f + N f + 1), compiled.
+"""Policy iteration for weights that differ from pixel to pixel, compiled: f = w (M f + N f + 1).
 
-The same rounds of sweeps and exact solves as in `compiled`, from the same start at half the resolution, and the same
-certificate: its proof holds for any screening s(x) = 1 / w(x) - 2 > 0.
+Sweeps and exact linear solves in turn, as in `policy_iteration`, from a start at half the resolution.
 """
 
 from collections.abc import Callable
@@ -12,9 +11,9 @@ from torch import Tensor
 
 from torchlinf._boxes import bounding_box
 from torchlinf._parallel import for_each
-from torchlinf.field.linearised_cpu import TiedSystem
 from torchlinf.field.solution import FieldSolution, Status
-from torchlinf.kernels import graded, grid
+from torchlinf.kernels import grid, stencil
+from torchlinf.kernels.linearised import LinearisedOperator
 
 SWEEPS = 16  # between two solves; doubled where progress stalls
 COARSEST = 8  # pixels along the shortest side below which no coarser grid is worth its while
@@ -35,17 +34,17 @@ def solve_compiled(weight: Tensor, tol: float) -> FieldSolution:
     def solve(i: int, check: Callable[[], None]) -> None:
         box = bounding_box(weights[i] > 0)
         if weights[i][box].size:
-            field = GradedField(weights[i][box], tol, check)
+            field = WeightedField(weights[i][box], tol, check)
             value[i][box] = field.run()
             done = Status.CONVERGED if field.bound <= field.tol else Status.MAX_SWEEPS
             bound[i], work[:, i], status[i] = field.bound, (field.num_sweeps, field.num_solves), done
 
     for_each(solve, count)
-    found = (torch.from_numpy(array) for array in (value, bound, work[0], work[1], status))
-    return FieldSolution(*found)
+    tensors = (torch.from_numpy(array) for array in (value, bound, work[0], work[1], status))
+    return FieldSolution(*tensors)
 
 
-class GradedField:
+class WeightedField:
     """The solve of one shape: the present v, its certified bound, and the work so far."""
 
     def __init__(self, weight: np.ndarray, tol: float, check: Callable[[], None]) -> None:
@@ -57,7 +56,8 @@ class GradedField:
         self.weight = padded.reshape(-1)
         self.a = np.divide(1.0, self.weight, out=np.full_like(self.weight, 2.0), where=self.weight > 0)
         self.v = self.weight.copy()  # the first sweep from 0
-        self.buffer = np.empty((2, padded.shape[-1]))
+        self.stencil = (self.v, self.grid.starts, self.grid.ends, self.grid.rows)
+        self.buffer = np.empty((4, padded.shape[-1]))
         self.tol = tol
         self.num_sweeps = self.num_solves = 0
 
@@ -70,9 +70,7 @@ class GradedField:
 
     def certify(self) -> bool:
         """Bound the error of v; True once it is within the tolerance or at the limit of rounding."""
-        above, below = graded.residual_bounds(
-            self.v, self.grid.starts, self.grid.ends, self.grid.rows, self.a - 2.0, self.buffer
-        )
+        above, below = stencil.residual_bounds(*self.stencil, 0.0, self.a - 2.0, self.buffer)
         self.num_sweeps += 1
         self.bound = max(above, below) if above < 1 else np.inf
         self.residual = max(above, below)
@@ -86,7 +84,7 @@ class GradedField:
         blocks = even.reshape([part for size in even.shape for part in (size // 2, 2)])
         mean = blocks.mean(axis=tuple(range(1, 2 * ndim, 2)))
         coarse_weight = np.divide(mean, 4 - 6 * mean, out=np.zeros_like(mean), where=mean > 0)  # s becomes 4 s
-        coarse = GradedField(coarse_weight, COARSE_TOL, self.check)
+        coarse = WeightedField(coarse_weight, COARSE_TOL, self.check)
         fine = 4 * coarse.run()
         for axis in range(ndim):
             fine = np.repeat(fine, 2, axis=axis)
@@ -100,9 +98,7 @@ class GradedField:
         ones = np.ones_like(self.v)
         while self.num_sweeps < LIMIT:
             self.check()
-            graded.sweep(
-                self.v, self.grid.starts, self.grid.ends, self.grid.rows, self.weight, count, self.buffer
-            )  # fmt: skip
+            stencil.sweep(*self.stencil, 0.0, self.weight, count, self.buffer)
             self.num_sweeps += count
             if self.certify():
                 break
@@ -110,8 +106,8 @@ class GradedField:
                 count *= 2
             best = min(best, self.residual)
             tie = max(TIE * float(self.v.max()), NOISE * self.residual)
-            system = TiedSystem(self.grid, self.v, self.a, tie)
-            self.v[system.order], _ = system.solve(ones, 1e-12)
+            operator = LinearisedOperator(self.grid, self.v, self.a, tie)
+            self.v[operator.order], _ = operator.solve(ones, 1e-12)
             self.num_solves += 1
             if self.certify():
                 break

@@ -7,7 +7,8 @@ from scipy import ndimage
 
 from torchlinf import Status, chessboard_distance, complexity_profile, shapes, solve_field
 from torchlinf.field import policy_iteration
-from torchlinf.kernels import chains, components, grid, krylov, thomas
+from torchlinf.kernels import chains, grid, policy_system, strong_components
+from torchlinf.kernels.bicgstab import bicgstab
 from torchlinf.kernels.distance import chessboard_of
 
 SIDES = {1: (37,), 2: (17, 26), 3: (7, 10, 8), 4: (4, 6, 5, 5)}
@@ -97,9 +98,11 @@ def test_distance_kernel_equals_scipy(ndim: int) -> None:
         assert np.array_equal(chessboard_of(grid.make_grid(padded)).reshape(padded.shape), expected)
 
 
-@pytest.mark.parametrize(("side", "unknowns"), [(5, 10), (30, 200)])
-def test_components_that_are_no_chain_are_solved(side: int, unknowns: int) -> None:
+@pytest.mark.parametrize(("side", "unknowns"), [(5, 10), (160, 10_000)])
+def test_components_that_are_no_chain_are_solved(side: int, unknowns: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Random policies tie pixels into large cycles; the solution must satisfy every single equation.
+
+    The small case is solved by elimination alone, the large one by BiCGStab too.
 
     Up only ever increases (here the index, in a solve the value), or a chain would close on itself.
     """
@@ -108,10 +111,14 @@ def test_components_that_are_no_chain_are_solved(side: int, unknowns: int) -> No
     geometry = grid.make_grid(padded)
     inside = np.flatnonzero(padded)
     v = padded.reshape(-1).astype(float)
-    system = chains.PolicySystem(geometry, 0.01)
+    system = policy_system.PolicySystem(geometry, 0.01)
     system.up[inside] = inside + rng.choice(geometry.block[geometry.block > 0], inside.size)
     system.down[inside] = inside + rng.choice(geometry.block[geometry.block != 0], inside.size)
+    iterated = []
+    monkeypatch.setattr(strong_components, "bicgstab", lambda *given: iterated.append(1) or bicgstab(*given))
     assert system.solve(v, 1e-13) >= unknowns
+    assert bool(iterated) == (side == 160)
+    assert not system._owner.any()
     left = 2.01 * v - v[system.up] - v[system.down]
     assert np.abs(left[inside] - 1).max() < 1e-9
 
@@ -120,7 +127,7 @@ def test_components_that_are_no_chain_are_solved(side: int, unknowns: int) -> No
 @pytest.mark.parametrize(("length", "screening"), [(1, 0.1), (9, 1 / 144), (70, 4.0)])
 def test_chains_are_the_tridiagonal_system(length: int, screening: float, peak: bool) -> None:
     """Also beyond the end of the table, which for the last is shorter than the chain."""
-    factors = thomas.thomas_factors(1000, screening)
+    factors = chains.chain_factors(1000, screening)
     assert (factors.shape[1] < length) == (length == 70)
     below, above = 1.7, 2.9
     matrix = (2 + screening) * np.eye(length) - np.eye(length, k=1) - np.eye(length, k=-1)
@@ -132,10 +139,10 @@ def test_chains_are_the_tridiagonal_system(length: int, screening: float, peak: 
     places = np.arange(length + 2, dtype=np.int32)
     up, down = places + 1, places - 1
     up[length] -= peak
-    thomas.solve_chain(v, 1, length, length, up, down, factors, screening)
+    chains.solve_chain(v, 1, length, length, up, down, factors, screening)
     np.testing.assert_allclose(v[1:-1], constant + below * by_below + above * by_above, rtol=1e-12)
     responses = np.empty((3, length))
-    thomas.solve_chain_affine(length, peak, factors, responses)
+    chains.solve_chain_affine(length, peak, factors, responses)
     np.testing.assert_allclose(responses, [constant, by_below, by_above], rtol=1e-9, atol=1e-15)
 
 
@@ -148,34 +155,38 @@ def test_chain_with_a_peak_is_the_profile_of_a_square() -> None:
     up, down = np.zeros(v.size, np.int32), np.zeros(v.size, np.int32)
     for x in range(1, length + 1):
         up[x], down[x] = min(x + 1, length), x - 1
-    factors = thomas.thomas_factors(length, screening)
-    thomas.solve_chain(v, 1, length, length, up, down, factors, screening)
+    factors = chains.chain_factors(length, screening)
+    chains.solve_chain(v, 1, length, length, up, down, factors, screening)
     assert distance.max() == length
     np.testing.assert_allclose(v[1 : length + 1], field.value[:length].numpy(), rtol=1e-10)
 
 
-def test_krylov_and_elimination_agree() -> None:
-    """On rows x = a + b x_i + c x_k of which about half depend on later rows, or on themselves."""
+def rows_of_component(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Rows x = a + b x_i + c x_k of which about half depend on later rows, or on themselves."""
     rng = np.random.default_rng(0)
-    size = 40
     weight = rng.random((size, 2)) * 0.49
     rows = rng.integers(-1, size, (size, 2))
     weight[rows < 0] = 0
-    constant = rng.random(size)
-    index = rows.copy()
-    feedback = components._find_feedback(index)
+    index, feedback = rows.reshape(-1).copy(), np.empty(size, np.int64)
+    feedback = feedback[: strong_components.find_feedback(index, feedback)]
     assert set(feedback) == {i for j in range(size) for i in rows[j] if i >= j}
-    found = []
-    for iterate in (False, True):
-        z, x = np.zeros(feedback.size), np.empty(feedback.size + size)
-        if iterate:
-            krylov.bicgstab(constant, weight, index, feedback, z, x, 1e-13)
-        else:
-            components._eliminate(constant, weight, index, feedback, z, x)
-        krylov.substitute(1.0, constant, weight, index, z, x)
-        found.append(x[feedback.size :])
-    np.testing.assert_allclose(found[1], found[0], rtol=1e-10)
-    np.testing.assert_allclose(found[0], constant + (weight * found[0][rows]).sum(1), rtol=1e-12)
+    return rng.random(size), weight, rows, index, feedback
+
+
+def test_elimination_and_bicgstab_solve_the_rows_of_a_component() -> None:
+    constant, weight, rows, index, feedback = rows_of_component(40)
+    z, x = np.empty(feedback.size), np.empty(feedback.size + 40)
+    strong_components.eliminate(constant, weight.reshape(-1), index, feedback, z, x)
+    strong_components.substitute(1.0, constant, weight.reshape(-1), index, z, x)
+    found = x[feedback.size :].copy()
+    np.testing.assert_allclose(found, constant + (weight * found[rows]).sum(1), rtol=1e-12)
+
+    def passed(share: float, z: np.ndarray) -> np.ndarray:
+        strong_components.substitute(share, constant, weight.reshape(-1), index, z, x)
+        return x[feedback.size + feedback]
+
+    iterated = bicgstab(lambda y: y - passed(0.0, y), passed(1.0, 0 * z), 1e-13, 1000, lambda y: y)
+    np.testing.assert_allclose(iterated, found[feedback], rtol=1e-10)
 
 
 def test_profiles_agree_with_the_torch_path() -> None:

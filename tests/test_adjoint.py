@@ -7,7 +7,7 @@ from torch.autograd import gradcheck
 
 import torchlinf
 from torchlinf import shapes
-from torchlinf.field import adjoint, implicit_gradient
+from torchlinf.field import adjoint
 from torchlinf.field.stencil import block_max, block_min
 
 PATHS = ["compiled", "torch"]
@@ -39,7 +39,7 @@ def random_weights(spatial: tuple[int, ...], seed: int, batch: int = 3) -> tuple
 
 def attached(weight: Tensor) -> Tensor:
     value = sweep(weight.detach(), 280)
-    return implicit_gradient.attach_gradient(value, weight, torch.zeros(len(weight), dtype=torch.float64))
+    return adjoint.attach_gradient(value, weight, torch.zeros(len(weight), dtype=torch.float64))
 
 
 @pytest.mark.parametrize("spatial", [(17,), (9, 13), (4, 5, 6), (3, 2, 4, 3)])
@@ -93,7 +93,7 @@ def test_gradients_turn_with_the_shape(path: str, axes: tuple[int, ...] | str) -
         weight = mask / (2 + torch.tensor(1 / 64, dtype=torch.float64))
         weight.requires_grad_()
         value = torchlinf.solve_field(mask, rho=8.0, spatial_ndim=2).value
-        field = implicit_gradient.attach_gradient(value, weight, torch.full((len(mask),), 1e-9, dtype=torch.float64))
+        field = adjoint.attach_gradient(value, weight, torch.full((len(mask),), 1e-9, dtype=torch.float64))
         return torch.autograd.grad((field * cotangent).sum(), weight)[0]
 
     body = shapes.with_appendages((17, 17), [shapes.Appendage("right", 9, 6), shapes.Appendage("top", 3, 4)], margin=1)
@@ -139,7 +139,7 @@ def test_what_is_kept_does_not_depend_on_the_number_of_sweeps() -> None:
         weight = torch.full((1, *spatial), 0.4999, dtype=torch.float64, requires_grad=True)
         value = torch.ones(1, *spatial, dtype=torch.float64)
         with torch.autograd.graph.saved_tensors_hooks(lambda x, s=saved: s.append(x.numel()) or x, lambda x: x):  # type: ignore[misc]
-            implicit_gradient.attach_gradient(value, weight, torch.zeros(1))
+            adjoint.attach_gradient(value, weight, torch.zeros(1))
         assert sum(saved) == 2 * 4096 + 1
 
 
@@ -152,4 +152,4 @@ def test_second_derivatives_and_vmap_say_that_they_are_not_there() -> None:
     with pytest.raises(NotImplementedError, match="rho must be a tensor with data"):
         torch.func.vmap(lambda rho: torchlinf.linf_field(torch.ones(1, 1, 4, 5), rho=rho))(torch.ones(2))
     with pytest.raises(NotImplementedError, match="stack the shapes"):
-        torch.func.vmap(implicit_gradient.attach_gradient)(weight[None], weight[None], weight[None, :, 0, 0])
+        torch.func.vmap(adjoint.attach_gradient)(weight[None], weight[None], weight[None, :, 0, 0])

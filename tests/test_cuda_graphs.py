@@ -1,4 +1,4 @@
-"""What runs on CUDA only, as far as a CPU can tell: rounds as captured graphs, and sweeps through torch.compile."""
+"""What runs on CUDA only, as far as a CPU can tell: sweeps as captured graphs, and sweeps through torch.compile."""
 
 import pytest
 import torch
@@ -6,13 +6,13 @@ from torch import Tensor
 
 from torchlinf import shapes, solve_field
 from torchlinf.field import cuda_graphs, pose
-from torchlinf.field.accelerated_value_iteration import Accelerated
-from torchlinf.field.layout import Layout, System, fused_sweep
+from torchlinf.field.accelerated_value_iteration import AcceleratedValueIteration
 from torchlinf.field.start import start
-from torchlinf.field.value_iteration import Monotone
+from torchlinf.field.stencil import Layout, System, fused_sweep
+from torchlinf.field.value_iteration import ValueIteration
 
 
-def method_of(kind: type, masks: Tensor) -> Accelerated | Monotone:
+def method_of(kind: type, masks: Tensor) -> AcceleratedValueIteration | ValueIteration:
     problem = pose(masks, None, (len(masks),))
     layout = Layout(masks)
     inside = layout.rows(layout.pack(masks.double()))
@@ -35,19 +35,19 @@ def addresses(method: object) -> dict[str, int]:
     }
 
 
-@pytest.mark.parametrize("kind", [Accelerated, Monotone])
+@pytest.mark.parametrize("kind", [AcceleratedValueIteration, ValueIteration])
 def test_a_round_leaves_every_buffer_in_its_place(kind: type) -> None:
     """A captured graph knows buffers by address; one that moves would be read where it no longer is."""
     method = method_of(kind, masks())
     before = addresses(method)
     for _ in range(3):
-        cuda_graphs.Rounds(method)._steps()
+        cuda_graphs.Replay(method)._steps()
         assert addresses(method) == before
     method.fall_back(torch.tensor([True, False]), method.system.layout.rows(method.line).clone())
     assert addresses(method) == before
 
 
-@pytest.mark.parametrize("kind", [Accelerated, Monotone])
+@pytest.mark.parametrize("kind", [AcceleratedValueIteration, ValueIteration])
 def test_replayed_rounds_give_the_same_values(kind: type, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a stand-in for the graph, which replays by doing the same again, rounds equal single steps to the bit."""
     captures = []
@@ -60,7 +60,7 @@ def test_replayed_rounds_give_the_same_values(kind: type, monkeypatch: pytest.Mo
     monkeypatch.setattr(cuda_graphs, "captured", captured)
     monkeypatch.setattr(cuda_graphs, "uses_graphs", lambda line: True)
     plain, replayed = method_of(kind, masks()), method_of(kind, masks())
-    taken = cuda_graphs.Rounds(replayed).run(53)
+    taken = cuda_graphs.Replay(replayed).run(53)
     assert taken == 53 - 53 % plain.step_sweeps
     for _ in range(taken // plain.step_sweeps):
         plain.step()
@@ -72,7 +72,7 @@ def test_replayed_rounds_give_the_same_values(kind: type, monkeypatch: pytest.Mo
 def test_the_fused_sweep_equals_the_sweep(sizes: tuple[int, ...]) -> None:
     generator = torch.Generator().manual_seed(len(sizes))
     batch = torch.rand(3, *sizes, generator=generator) > 0.2
-    method = method_of(Monotone, batch)
+    method = method_of(ValueIteration, batch)
     system, layout = method.system, method.system.layout
     expected = torch.empty_like(layout.rows(method.line))
     system.sweep(method.line, out=expected)

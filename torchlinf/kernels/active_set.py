@@ -8,15 +8,15 @@ import math
 
 import numpy as np
 
-from torchlinf.kernels import sweeps
-from torchlinf.kernels._compile import kernel
+from torchlinf.kernels import stencil
+from torchlinf.kernels.compiler import kernel
 from torchlinf.kernels.grid import Grid, block_offsets, row_strides
 
 COLUMNS = 32  # a tile's side along the rows: long enough for vector instructions
 ROWS = 8  # and along the other axes
 
 
-class Activity:
+class ActiveSet:
     """The residual by tile, and the present selection of runs, which begins as the whole shape.
 
     Attributes:
@@ -50,10 +50,10 @@ class Activity:
 
     def widen(self) -> None:
         """Select the tiles beside the selection too."""
-        _dilate(self._chosen, self._block)
+        _dilate(np.flatnonzero(self._chosen), self._chosen, self._block)
         self._select_chosen()
 
-    def watch(self, v: np.ndarray, screening: float, buffer: np.ndarray) -> tuple[float, float]:
+    def update_bound(self, v: np.ndarray, screening: float, buffer: np.ndarray) -> tuple[float, float]:
         """Measure the residual of v in the selection; return the bounds over the whole shape.
 
         What is not selected must have kept its residual since it was last measured.
@@ -95,7 +95,8 @@ def _place_runs(starts, ends, strides, sides, tile_strides, whole):  # type: ign
 @kernel
 def _choose(residual, threshold, block, chosen):  # type: ignore[no-untyped-def]
     """Mark the tiles whose residual is above the threshold, and their neighbours."""
-    chosen[:] = False
+    for tile in range(chosen.size):
+        chosen[tile] = False
     for tile in range(chosen.size):
         if max(residual[0, tile], residual[1, tile]) > threshold:
             for offset in block:
@@ -103,10 +104,9 @@ def _choose(residual, threshold, block, chosen):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _dilate(chosen, block):  # type: ignore[no-untyped-def]
-    """Mark the neighbours of marked tiles."""
-    before = np.flatnonzero(chosen)
-    for tile in before:
+def _dilate(marked, chosen, block):  # type: ignore[no-untyped-def]
+    """Mark the neighbours of the tiles `marked`."""
+    for tile in marked:
         for offset in block:
             if 0 <= tile + offset < chosen.size:  # the ring of tiles may be marked, and has no pixels
                 chosen[tile + offset] = True
@@ -145,20 +145,20 @@ def _measure(v, starts, ends, tiles, columns, rows, screening, buffer, residual)
     """Set the largest positive and negative part of R(v) of all tiles that the runs touch."""
     for run in range(starts.size):
         last = tiles[run] + (columns[run] + ends[run] - starts[run] - 1) // COLUMNS
-        residual[:, tiles[run] : last + 1] = 0.0
+        for tile in range(tiles[run], last + 1):
+            residual[0, tile] = residual[1, tile] = 0.0
     for run in range(starts.size):
         length = ends[run] - starts[run]
-        sweeps.row_residuals(v, starts[run], length, rows, screening, buffer)
+        stencil.row_residuals(v, starts[run], length, rows, screening, None, buffer)
         tile = tiles[run]
         first = 0
         stop = min(length, COLUMNS - columns[run])
         while first < length:
-            piece = buffer[2, first:stop]
             above = residual[0, tile]
             below = residual[1, tile]
-            for j in range(piece.size):
-                above = max(above, piece[j])
-                below = max(below, -piece[j])
+            for j in range(first, stop):
+                above = max(above, buffer[2, j])
+                below = max(below, -buffer[2, j])
             residual[0, tile] = above
             residual[1, tile] = below
             tile += 1

@@ -1,0 +1,339 @@
+"""Strongly connected components of the policy graph: Tarjan's algorithm on chains, and the solution of a component.
+
+Components are taken dependencies first. One that is a single chain is solved as such. Of the others each chain's
+pixels are affine in the two pixels it depends on. Only those that are depended upon inside the component are unknowns,
+with rows x = a + b x(below) + c x(above). Taken in the order in which the depth-first search left their chains, nearly
+all rows depend on rows before them; the rows that others before them, or they themselves, depend on are the feedback
+vertices. For given values of these one pass gives all unknowns, and with them the feedback anew, z -> P z + q: so the
+feedback alone is left to be solved for, a few where the unknowns are thousands.
+
+A chain is named by its place on Tarjan's stack, so that what is known of it lives in the few arrays that are in cache.
+Values below 0 are unsolved, as in `policy_system`.
+"""
+
+import numpy as np
+
+from torchlinf.kernels.bicgstab import bicgstab
+from torchlinf.kernels.chains import solve_chain, solve_chain_affine
+from torchlinf.kernels.compiler import inlined, kernel
+
+# Rows of `chains`: the chain's lowest and highest pixel; the pixels beyond these, or these themselves where they are
+# their own neighbours; how many pixels it has; low link, dependencies looked at, the chain that asked for it; and the
+# chains that the search has left and that are not yet solved, in that order.
+HEAD, LAST, BELOW, ABOVE, LENGTH, LOW, VISITED, CALLER, LEFT = range(9)
+ROWS = 9
+_LOOP = 4  # added to VISITED for every dependency of a chain on itself
+
+# Places of `search`: chains on the stack; chains left and unsolved; the present chain; how many of those left are the
+# component that the caller has to solve.
+HEIGHT, PENDING, CHAIN, MEMBERS = range(4)
+
+DENSE = 48  # feedback vertices up to which elimination beats BiCGStab
+_ITERATIONS = 1000  # rarely needed, but a component left inexact ties its pixels into still larger ones next time
+
+
+def solve_cycle(
+    v: np.ndarray,
+    root: int,
+    up: np.ndarray,
+    down: np.ndarray,
+    factors: np.ndarray,
+    screening: float,
+    tol: float,
+    owner: np.ndarray,
+    chains: np.ndarray,
+) -> int:
+    """Solve a pixel and all it depends on, in place; returns the number of unknowns in components that were no chain.
+
+    Components with more than `DENSE` feedback vertices are solved to `tol`, all others exactly. `owner` is 0 or less
+    at what is unsolved, and 0 at what this has solved; `chains`, (ROWS, pixels), is scratch.
+    """
+    search = np.zeros(4, np.int64)
+    unknowns = 0
+    while True:
+        unknowns += search_components(v, root, up, down, factors, screening, owner, chains, search)
+        if search[MEMBERS] == 0:
+            return unknowns
+        # A component is left over. The kernels that it needs compile when they are first needed.
+        stop = int(search[PENDING])
+        first = stop - int(search[MEMBERS])
+        rows = component_rows(v, first, stop, chains, owner, up, factors)
+        _iterate(v, tol, *rows)
+        solve_members(v, first, stop, chains, up, down, factors, screening)
+        unknowns += len(rows[0])
+
+
+def _iterate(
+    v: np.ndarray,
+    tol: float,
+    target: np.ndarray,
+    constant: np.ndarray,
+    weight: np.ndarray,
+    index: np.ndarray,
+    feedback: np.ndarray,
+) -> None:
+    """Set v on the unknowns of a component by BiCGStab for its feedback vertices."""
+    x = np.empty(feedback.size + target.size)
+
+    def passed(share: float, z: np.ndarray) -> np.ndarray:
+        substitute(share, constant, weight, index, z, x)
+        return x[feedback.size + feedback]
+
+    z = np.abs(v[target[feedback]])
+    z += bicgstab(lambda y: y - passed(0.0, y), passed(1.0, z) - z, tol, _ITERATIONS, lambda y: y)
+    substitute(1.0, constant, weight, index, z, x)
+    v[target] = np.maximum(x[feedback.size :], 0.0)
+
+
+@kernel
+def search_components(v, root, up, down, factors, screening, owner, chains, search):  # type: ignore[no-untyped-def]
+    """Solve the components that `root` depends on, until one has more than `DENSE` feedback vertices.
+
+    That one is left to the caller, as the last `search[MEMBERS]` chains of the pending ones; when it is solved, this is
+    to be called again. Returns the number of unknowns in components that were no chain.
+    """
+    unknowns = 0
+    height, left, chain = search[HEIGHT], search[PENDING], search[CHAIN]
+    resumed = search[MEMBERS] > 0
+    caller = np.int64(-1)
+    opening = np.int64(-1 if resumed else root)
+    while True:
+        if opening >= 0:
+            chain = height
+            height += 1
+            _open_chain(opening, chain, chains, owner, up, down)
+            chains[CALLER, chain] = caller
+            opening = np.int64(-1)
+        if not resumed:
+            side = chains[VISITED, chain] % _LOOP
+            if side < 2:
+                chains[VISITED, chain] += 1
+                target = np.int64(chains[BELOW + side, chain])
+                if v[target] < 0.0 and target != chains[side, chain]:
+                    state = owner[target]
+                    if state <= 0:
+                        opening = target
+                        caller = chain
+                    elif state - 1 == chain:
+                        chains[VISITED, chain] += _LOOP
+                    else:
+                        chains[LOW, chain] = min(chains[LOW, chain], state - 1)
+                continue
+            chains[LEFT, left] = chain
+            left += 1
+        low = np.int64(chains[LOW, chain])
+        above = np.int64(chains[CALLER, chain])
+        if low != chain:
+            chains[LOW, above] = min(chains[LOW, above], low)
+        else:
+            if not resumed:
+                if height == chain + 1 and chains[VISITED, chain] < _LOOP:
+                    head, last, length = chains[HEAD, chain], chains[LAST, chain], chains[LENGTH, chain]
+                    solve_chain(v, head, last, length, up, down, factors, screening)
+                else:
+                    first = left - (height - chain)
+                    size = _solve_small(v, first, left, up, down, factors, screening, owner, chains)
+                    if size == 0:
+                        search[HEIGHT], search[PENDING], search[CHAIN] = height, left, chain
+                        search[MEMBERS] = height - chain
+                        return unknowns
+                    unknowns += size
+            resumed = False
+            for done in range(chain, height):
+                _write_owner(0, done, chains, owner, up)
+            left -= height - chain
+            height = chain
+        chain = above
+        if chain < 0:
+            search[MEMBERS] = 0
+            return unknowns
+
+
+@inlined
+def _open_chain(x, number, chains, owner, up, down):  # type: ignore[no-untyped-def]
+    """Find the chain through x and write 1 + its number on all its pixels."""
+    y = np.int64(down[x])
+    while y != x and up[y] == x:
+        x = y
+        y = np.int64(down[y])
+    chains[HEAD, number] = x
+    chains[BELOW, number] = y
+    owner[x] = number + 1
+    length = 1
+    y = np.int64(up[x])
+    while y != x and down[y] == x:
+        x = y
+        owner[x] = number + 1
+        y = np.int64(up[y])
+        length += 1
+    chains[LAST, number] = x
+    chains[ABOVE, number] = y
+    chains[LENGTH, number] = length
+    chains[LOW, number] = number
+    chains[VISITED, number] = 0
+
+
+@inlined
+def _write_owner(value, number, chains, owner, up):  # type: ignore[no-untyped-def]
+    """Write a number on all pixels of a chain."""
+    x = chains[HEAD, number]
+    owner[x] = value
+    while x != chains[LAST, number]:
+        x = up[x]
+        owner[x] = value
+
+
+@kernel
+def _solve_small(v, first, stop, up, down, factors, screening, owner, chains):  # type: ignore[no-untyped-def]
+    """Solve the pending chains first .. stop together; returns the number of unknowns.
+
+    Where there are too many feedback vertices it returns 0 and has changed nothing.
+    """
+    target, constant, weight, index, feedback = component_rows(v, first, stop, chains, owner, up, factors)
+    if feedback.size > DENSE:
+        for k in range(first, stop):
+            chain = chains[LEFT, k]
+            _write_owner(chain + 1, chain, chains, owner, up)
+        return 0
+    z, x = np.empty(feedback.size), np.empty(feedback.size + target.size)
+    eliminate(constant, weight, index, feedback, z, x)
+    substitute(1.0, constant, weight, index, z, x)
+    for j in range(target.size):
+        v[target[j]] = max(x[feedback.size + j], 0.0)  # as the solution is: below 0 would say that it is unsolved
+    solve_members(v, first, stop, chains, up, down, factors, screening)
+    return target.size
+
+
+@kernel
+def solve_members(v, first, stop, chains, up, down, factors, screening):  # type: ignore[no-untyped-def]
+    """Solve each of the pending chains first .. stop, given the values at the pixels that it depends on."""
+    for k in range(first, stop):
+        chain = chains[LEFT, k]
+        head, last, length = chains[HEAD, chain], chains[LAST, chain], chains[LENGTH, chain]
+        solve_chain(v, head, last, length, up, down, factors, screening)
+
+
+@kernel
+def component_rows(v, first, stop, chains, owner, up, factors):  # type: ignore[no-untyped-def]
+    """The rows of the component of the pending chains first .. stop, which `owner` is above 0 on.
+
+    Returns the unknowns' pixels; their constants; weight and index of the two numbers that row j depends on, at 2 j and
+    2 j + 1; and the rows that are feedback vertices. `owner` is overwritten on the unknowns.
+    """
+    size = 0
+    longest = 0
+    for k in range(first, stop):  # make `owner` negative where a chain depends on it
+        chain = chains[LEFT, k]
+        longest = max(longest, chains[LENGTH, chain])
+        for side in range(2):
+            y = chains[BELOW + side, chain]
+            if owner[y] > 0 and y != chains[side, chain]:
+                owner[y] = -owner[y]
+                size += 1
+    target, index, feedback = np.empty(size, np.int64), np.empty(2 * size, np.int64), np.empty(size, np.int64)
+    constant, weight = np.empty(size), np.empty(2 * size)
+    _affine_rows(v, first, stop, longest, chains, owner, up, factors, target, constant, weight, index)
+    count = find_feedback(index, feedback)
+    return target, constant, weight, index, feedback[:count]
+
+
+@inlined
+def _affine_rows(v, first, stop, longest, chains, owner, up, factors, target, constant, weight, index):  # type: ignore[no-untyped-def]
+    """Fill in the rows. What comes from solved pixels is in the constant; a row's index is -1 where it has none."""
+    responses = np.empty(3 * longest).reshape(3, longest)
+    end = 0
+    for k in range(first, stop):
+        chain = chains[LEFT, k]
+        begin = end
+        x = chains[HEAD, chain]
+        for place in range(chains[LENGTH, chain]):
+            if owner[x] < 0:
+                target[end] = x
+                owner[x] = -1 - end
+                index[2 * end] = place
+                end += 1
+            x = up[x]
+        if end > begin:
+            peak = chains[ABOVE, chain] == chains[LAST, chain]
+            solve_chain_affine(chains[LENGTH, chain], peak, factors, responses)
+        for j in range(begin, end):
+            place = index[2 * j]
+            constant[j] = responses[0, place]
+            for side in range(2):
+                y = chains[BELOW + side, chain]
+                weight[2 * j + side] = 0.0
+                index[2 * j + side] = -1
+                if owner[y] < 0 and y != chains[side, chain]:
+                    weight[2 * j + side] = responses[1 + side, place]
+                    index[2 * j + side] = y
+                else:
+                    constant[j] += responses[1 + side, place] * abs(v[y])
+    for j in range(index.size):
+        if index[j] >= 0:
+            index[j] = -1 - owner[index[j]]
+
+
+@kernel
+def find_feedback(index, feedback):  # type: ignore[no-untyped-def]
+    """Find the rows that rows before them, or they themselves, depend on; returns how many these are.
+
+    In `index` a feedback row becomes its place among the feedback, and any other row its number behind all of these.
+    """
+    size = index.size // 2
+    count = 0
+    place = np.empty(size, np.int64)
+    for j in range(size):
+        place[j] = -1
+    for j in range(size):
+        for k in range(2 * j, 2 * j + 2):
+            i = index[k]
+            if i >= j and place[i] < 0:
+                place[i] = count
+                count += 1
+    for j in range(size):
+        if place[j] >= 0:
+            feedback[place[j]] = j
+        for k in range(2 * j, 2 * j + 2):
+            i = index[k]
+            if i >= j:
+                index[k] = place[i]
+            else:
+                index[k] = count + i if i >= 0 else 0  # with a weight of 0
+    return count
+
+
+@kernel
+def substitute(share, constant, weight, index, z, x):  # type: ignore[no-untyped-def]
+    """x = z, then all rows in order: share constant_j + weight x_index + weight x_index."""
+    count = z.size
+    for j in range(count):
+        x[j] = z[j]
+    for j in range(constant.size):
+        k = 2 * j
+        x[count + j] = share * constant[j] + weight[k] * x[index[k]] + weight[k + 1] * x[index[k + 1]]
+
+
+@kernel
+def eliminate(constant, weight, index, feedback, z, x):  # type: ignore[no-untyped-def]
+    """Gaussian elimination of (I - P) z = q, set up by one pass a column. An M-matrix needs no pivoting."""
+    size = z.size
+    width = size + 1
+    matrix = np.empty(size * width)
+    for column in range(width):
+        for j in range(size):
+            z[j] = 1.0 if j == column else 0.0
+        substitute(1.0 if column == size else 0.0, constant, weight, index, z, x)
+        for j in range(size):
+            passed = x[size + feedback[j]]
+            matrix[j * width + column] = passed if column == size else z[j] - passed
+    for pivot in range(size):
+        for j in range(pivot + 1, size):
+            if matrix[j * width + pivot] != 0.0:
+                factor = matrix[j * width + pivot] / matrix[pivot * width + pivot]
+                for column in range(pivot + 1, width):
+                    matrix[j * width + column] -= factor * matrix[pivot * width + column]
+    for j in range(size - 1, -1, -1):
+        total = matrix[j * width + size]
+        for column in range(j + 1, size):
+            total -= matrix[j * width + column] * z[column]
+        z[j] = total / matrix[j * width + j]
