@@ -221,17 +221,6 @@ def flag(value: bool, name: str) -> bool:
     return value
 
 
-def flag(value: bool, name: str) -> bool:
-    """Return `value` if it is True or False, else raise.
-
-    >>> flag(True, "throw")
-    True
-    """
-    if not isinstance(value, bool):
-        raise TypeError(f"{name} must be True or False; got {value!r}. Pass a bool.")
-    return value
-
-
 def fraction(value: float, name: str) -> float:
     """Return `value` as a float if it lies strictly between 0 and 1, else raise.
 

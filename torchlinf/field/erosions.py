@@ -121,7 +121,9 @@ def _shape_by_shape(function: Callable[..., Any], *tensors: Tensor) -> Tensor:
         check()
         box = bounding_box(arrays[0][i] > 0)
         if arrays[0][i][box].size:
-            total[i][box] = torch.from_numpy(function(*(array[i][box].astype(np.float64, order="C") for array in arrays)))
+            total[i][box] = torch.from_numpy(
+                function(*(array[i][box].astype(np.float64, order="C") for array in arrays))
+            )
 
     for_each(apply, len(total))
     return total
