@@ -25,6 +25,8 @@ from benchmarks.results import Result, Table, Target, load, markdown, save, show
 from benchmarks.sizes import TOY  # noqa: E402
 from torchlinf.shapes import disc, square  # noqa: E402
 
+pytestmark = pytest.mark.slow  # most tests here wait for the run of all benchmarks
+
 
 def small() -> torch.Tensor:
     """A shape off the corner of its array, with more than its start to solve."""

@@ -311,6 +311,7 @@ def many(tmp_path: Path) -> Path:
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are sent as POSIX has them")
 @pytest.mark.parametrize(("stop", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
+@pytest.mark.slow
 def test_a_stopped_run_leaves_whole_rows(stop: signal.Signals, status: int, many: Path, tmp_path: Path) -> None:
     if stop == signal.SIGINT and signal.getsignal(stop) == signal.SIG_IGN:
         pytest.skip("the tests run in the background, where shells switch Ctrl-C off")
@@ -334,6 +335,7 @@ def test_a_stopped_run_leaves_whole_rows(stop: signal.Signals, status: int, many
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are sent as POSIX has them")
+@pytest.mark.slow
 def test_a_reader_who_leaves_ends_the_run_in_silence(many: Path) -> None:
     with start(str(many), stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout.readline() == ",".join(COLUMNS) + "\n"

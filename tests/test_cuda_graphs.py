@@ -80,6 +80,7 @@ def test_the_fused_sweep_equals_the_sweep(sizes: tuple[int, ...]) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:`torch.jit.script_method`:DeprecationWarning")  # torch's own, on compiling
+@pytest.mark.slow
 def test_compile_gives_the_same_field() -> None:
     batch = masks()
     compiled = solve_field(batch, compile=True, spatial_ndim=2)

@@ -13,8 +13,7 @@ import torch
 import torch.distributed as dist
 from problems import random_batch
 from torch import Tensor
-from torchmetrics import ClasswiseWrapper, MetricCollection, MetricTracker
-from torchmetrics.segmentation import MeanIoU
+from torchmetrics import ClasswiseWrapper, JaccardIndex, MetricCollection, MetricTracker
 
 import torchlinf
 from torchlinf import shapes
@@ -184,7 +183,7 @@ def test_in_a_collection_beside_other_metrics() -> None:
             "complexity": ShapeComplexity(3),
             "each": ClasswiseWrapper(ShapeComplexity(3, average="none"), labels=names),
             "windows": ShapeComplexity(3, windows={"fine": (0.0, 0.25), "coarse": (0.25, 1.0)}),
-            "iou": MeanIoU(3, input_format="mixed"),
+            "iou": JaccardIndex("multiclass", num_classes=3),
         }
     )
     for part in (slice(0, 2), slice(2, 6)):
@@ -230,7 +229,8 @@ def test_a_collection_takes_no_two_windows_for_one() -> None:
 
 
 def test_a_tracker_keeps_the_simplest() -> None:
-    tracker = MetricTracker(ShapeComplexity(1, threshold=0.5), maximize=None)
+    metric = ShapeComplexity(1, threshold=0.5)
+    tracker = MetricTracker(metric, maximize=metric.higher_is_better)  # None, which asks the metric, is newer
     for mask in (shapes.disc(9), shapes.box(9, 14), shapes.disc(5)):
         tracker.increment()
         tracker.update(mask[None, None])

@@ -17,6 +17,7 @@ from torchlinf.scoring import find_masks, read_source, score_masks  # noqa: E402
 
 # Ray's own settings trip over each other as soon as they are made.
 @pytest.mark.filterwarnings("ignore:`use_:DeprecationWarning:ray.data.context")
+@pytest.mark.slow
 def test_every_question_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
     command.main(["--toy"])
     printed = capsys.readouterr().out

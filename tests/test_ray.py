@@ -61,6 +61,7 @@ def kill_worker(marker: Path) -> None:
 
 
 @posix
+@pytest.mark.slow
 def test_lost_workers_cost_nothing_but_the_mask_that_kills_them(cluster: None, tmp_path: Path) -> None:
     paths = [tar(tmp_path / "a.tar", 120), tar(tmp_path / "b.tar", 20, seed=500), files(tmp_path / "single", 6)]
     (tmp_path / "single" / "killer.png").write_bytes(png(0))
@@ -94,6 +95,7 @@ def test_lost_workers_cost_nothing_but_the_mask_that_kills_them(cluster: None, t
 
 @posix
 @pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc")
+@pytest.mark.slow
 def test_a_killed_driver_is_started_again(cluster: None, tmp_path: Path) -> None:
     data = tmp_path / "data"
     data.mkdir()

@@ -179,6 +179,7 @@ def lines(path: Path) -> int:
 
 @needs_linux
 @pytest.mark.parametrize(("name", "workers"), [("scores.csv", 2), ("scores.parquet", 1)])
+@pytest.mark.slow
 def test_killed_again_and_again_the_table_is_complete(name: str, workers: int, many: Path, tmp_path: Path) -> None:
     table, growing = tmp_path / name, tmp_path / (name + JOURNAL)
     command = [sys.executable, "-m", "torchlinf", "score", str(many), "--out", str(table), "--workers", str(workers)]
@@ -203,6 +204,7 @@ def test_killed_again_and_again_the_table_is_complete(name: str, workers: int, m
 
 
 @needs_linux
+@pytest.mark.slow
 def test_a_killed_worker_costs_nothing(many: Path, tmp_path: Path) -> None:
     table = tmp_path / "scores.csv"
     command = [sys.executable, "-m", "torchlinf", "score", str(many), "--out", str(table), "--workers", "2"]

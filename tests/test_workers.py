@@ -52,6 +52,7 @@ def test_processes_are_for_many_tasks_or_for_isolation() -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills as POSIX does")
+@pytest.mark.slow
 def test_a_task_that_ends_its_process_costs_its_own_answer_only() -> None:
     expected = [2.0 * i for i in range(3 * FEW)]
     expected[13] = -14.0

@@ -25,7 +25,7 @@ def main() -> None:
     import torchlinf
 
     assert "site-packages" in torchlinf.__file__, f"not the installed package: {torchlinf.__file__}"
-    readme = str(importlib.metadata.metadata("torchlinf").get_payload())
+    readme = str(importlib.metadata.metadata("torchlinf").json["description"])
     with tempfile.TemporaryDirectory() as folder:
         {"core": run_core, "all": run_all}[sys.argv[1]](readme, Path(folder))
 
