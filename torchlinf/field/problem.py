@@ -27,6 +27,11 @@ class Problem:
     screening: Tensor
     compile: bool = False
 
+    def select(self, shapes: Tensor) -> "Problem":
+        """The problem of the shapes with these indices."""
+        parts = (self.mask, self.distance, self.radius, self.screening)
+        return Problem(*(part[shapes] for part in parts), self.compile)
+
 
 def pose(mask: Tensor, rho: float | Tensor | None, lead: tuple[int, ...], compile: bool = False) -> Problem:
     """The problem of a checked mask, bool (N, *spatial), with the screening rho of the leading shape `lead`."""
