@@ -46,7 +46,7 @@ def test_after_warm_up_no_call_compiles_or_loads_another_kernel() -> None:
     """Whatever types the library passes to its kernels, `warm_up` has passed them before."""
     script = """
 import torch, torchlinf, numba, sys
-from torchlinf.kernels import warm_up
+from torchlinf import warm_up
 def known():
     return {(name, key, str(one)) for name, module in list(sys.modules.items()) if name.startswith("torchlinf.kernels.")
             for key, kernel in vars(module).items() if isinstance(kernel, numba.core.dispatcher.Dispatcher)
@@ -103,6 +103,6 @@ print(*[float(value) for value in (
 
 
 def test_warm_up_without_numba_says_so() -> None:
-    script = "import sys; sys.modules['numba'] = None\nfrom torchlinf.kernels import warm_up\n"
+    script = "import sys; sys.modules['numba'] = None\nfrom torchlinf import warm_up\n"
     script += "try:\n    warm_up()\nexcept ImportError as error:\n    print(error)\n"
     assert "pip install numba" in run(script)

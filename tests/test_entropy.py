@@ -1,5 +1,6 @@
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,11 @@ from torchlinf.measure import options as measure_options
 from torchlinf.measure.entropy import ESTIMATORS, level_entropy, level_std, segment_sum
 from torchlinf.measure.levels import first_level, level_values
 from torchlinf.measure.options import MAX_BINS
+
+
+def values_of(field: Tensor, distance: Tensor, radius: Tensor, **options: Any) -> Tensor:
+    return level_values(field, distance, radius, field.new_zeros(len(field)), Measure(**options))[0]
+
 
 both = pytest.mark.parametrize("estimate", [level_entropy, level_std])
 Estimate = Callable[[Tensor, Tensor, int, int], Tensor]
@@ -66,7 +72,7 @@ def test_level_values_of_a_batch_equal_a_loop_over_shapes_and_levels(spatial: tu
     distance[1] = distance[1].clamp(max=2)
     field = torch.rand(3, *spatial, generator=generator, dtype=torch.float64).add(0.1).mul(50) * (distance > 0)
     expected = [v for f, d in zip(field, distance, strict=True) for v in naive_levels(f, d, estimator, 64)]
-    found = level_values(field, distance, distance.flatten(1).amax(1), estimator=estimator, bins=64)
+    found = values_of(field, distance, distance.flatten(1).amax(1), estimator=estimator, bins=64)
     np.testing.assert_allclose(found.numpy(), expected, rtol=0, atol=1e-12)
 
 
@@ -171,21 +177,21 @@ def test_level_values_do_not_depend_on_the_scale_of_the_field() -> None:
     field, _ = random_levels(seed=9, size=60, num_levels=1)
     distance = torch.arange(60).remainder(3).add(1)[None]
     radius = torch.tensor([3])
-    assert torch.equal(level_values(field[None], distance, radius), level_values(field[None] * 2048, distance, radius))
+    assert torch.equal(values_of(field[None], distance, radius), values_of(field[None] * 2048, distance, radius))
 
 
 def test_level_values_of_empty_shapes_have_no_entry() -> None:
     field, distance = torch.zeros(3, 4, 5, dtype=torch.float64), torch.zeros(3, 4, 5, dtype=torch.int32)
-    assert level_values(field, distance, torch.zeros(3, dtype=torch.int64)).shape == (0,)
+    assert values_of(field, distance, torch.zeros(3, dtype=torch.int64)).shape == (0,)
     field[1, 2, 3], distance[1, 2, 3] = 0.5, 1
-    assert level_values(field, distance, torch.tensor([0, 1, 0])).tolist() == [0.0]
+    assert values_of(field, distance, torch.tensor([0, 1, 0])).tolist() == [0.0]
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_field_that_is_not_finite_is_an_error(bad: float) -> None:
     field = torch.tensor([[1.0, bad, 1.0]], dtype=torch.float64)
     with pytest.raises(ValueError, match="field must be finite"):
-        level_values(field, torch.tensor([[1, 2, 1]]), torch.tensor([2]))
+        values_of(field, torch.tensor([[1, 2, 1]]), torch.tensor([2]))
 
 
 @pytest.mark.parametrize(

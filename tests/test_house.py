@@ -16,7 +16,7 @@ PACKAGE = Path(torchlinf.__file__).parent
 FLOORS = (
     {"__main__"},
     {"cli"},
-    {"plot", "report"},
+    {"plot", "report", "warming"},
     {"regions", "scoring"},
     {"decompose", "labels", "losses", "metrics", "order", "transforms"},
     {"samplers", "shapes"},

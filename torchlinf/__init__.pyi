@@ -70,5 +70,6 @@ from .measure import (
 from .measure import (
     soft_complexity as soft_complexity,
 )
+from .warming import warm_up as warm_up
 
 __version__: str

@@ -163,6 +163,19 @@ def not_negative(value: float, name: str) -> float:
     return found
 
 
+def from_zero(value: float, name: str) -> float:
+    """Return `value` as a float if it is a number of 0 or more, infinity allowed, else raise.
+
+    >>> from_zero(0, "tol_bits")
+    0.0
+    """
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a number of 0 or more; got {value!r}. Pass a float.")
+    if not value >= 0:
+        raise ValueError(f"{name} must be 0 or more; got {value!r}. Pass for example 0.0.")
+    return float(value)
+
+
 def positive_tensor(value: Tensor, shape: tuple[int, ...], name: str) -> Tensor:
     """Return `value` broadcast to `shape` if all of it is real, finite and above 0, else raise.
 

@@ -22,7 +22,7 @@ from torch import Tensor
 
 import torchlinf
 from torchlinf import plot, shapes
-from torchlinf.measure import level_values
+from torchlinf.measure import Measure, profile_of_field
 
 horse = ~torch.from_numpy(data.horse())[None, None]
 masks = {
@@ -102,7 +102,7 @@ def flatness(field: Tensor) -> float:
 
 def entropy(field: Tensor, distance: Tensor) -> float:
     """Mean over scales of the entropy of the field on the levels of the distance, in bits."""
-    return float(level_values(field[None], distance[None], distance.max()[None].long()).mean())
+    return float(profile_of_field(field, distance, torch.tensor(0.0), Measure()).mean())
 
 
 EXPECTED = {

@@ -20,7 +20,7 @@ from torch import Tensor
 
 import torchlinf
 from torchlinf import plot, shapes
-from torchlinf.measure import level_values
+from torchlinf.measure import Measure, profile_of_field
 from torchlinf.shapes import Appendage, with_appendages
 
 SIDE, WIDTH, DEPTH, MARGIN = 128, 32, 32, 1
@@ -107,8 +107,8 @@ def explicit(mask: Tensor, sweeps: int) -> float:
     inside, f = mask.numpy(), np.zeros(mask.shape)
     for _ in range(sweeps):
         f = inside * (ndimage.maximum_filter(f, 3) + ndimage.minimum_filter(f, 3) + 1) / (2 + 1 / int(radius) ** 2)
-    levels = level_values(torch.from_numpy(f)[None], distance[None], radius[None])
-    return float(levels[: int(radius) // 4].mean())
+    profile = profile_of_field(torch.from_numpy(f), distance, torch.tensor(0.0), Measure())
+    return float(profile.mean(0.0, 0.25))
 
 
 print("sweeps   8 joints   4 joints   mean over (0, 1/4] (bits)")

@@ -77,7 +77,8 @@ def load(mask: NDArray[np.bool_]) -> list[int]:
     score = ShapeComplexityScore(high=0.5)
     scored = ShapeComplexityScored("mask")
     sample = scored({"mask": mask})
-    number: Tensor = score(mask)
+    number = score(mask)
+    assert isinstance(number, Tensor)  # a dictionary with several windows
     sampler = ComplexitySampler([float(number), float(sample["mask_complexity"])], num_samples=2, seed=3)
     return list(sampler)
 
@@ -92,7 +93,7 @@ def inspect(masks: dict[str, Tensor], label_map: Tensor) -> list[tuple[str, ...]
     found: decompose.Decomposition = decompose.parts(masks["disc"], spatial_ndim=2)
     assert int(found.num_parts) >= 1
     classifier: Callable[[Tensor], Tensor] = lambda points: points[:, 0] ** 2 + points[:, 1] ** 2  # noqa: E731
-    decided = regions.decision_region_complexity(classifier, [(-1.0, 1.0), (-1.0, 1.0)], 32, threshold=0.5)
+    decided = regions.decision_region_complexity(classifier, [(-1.0, 1.0), (-1.0, 1.0)], resolution=32, threshold=0.5)
     value: Tensor = decided.profile.mean()
     assert value.ndim >= 0
     plot.profile(masks["disc"], label="disc")
@@ -104,7 +105,7 @@ def score(folder: Path) -> list[float | None]:
     """Files into rows."""
     np.save(folder / "disc.npy", shapes.disc(12).numpy())
     sources = scoring.find_masks([folder])
-    return [row.complexity for row in scoring.score_masks(sources, workers=1)]
+    return [row["complexity"] for row in scoring.score_masks(sources, workers=1)]
 
 
 def main() -> None:

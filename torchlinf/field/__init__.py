@@ -4,7 +4,7 @@ One file a solver: `value_iteration`, `accelerated_value_iteration` (torch, any 
 CPU). What other packages of torchlinf may use is in `__all__`.
 """
 
-from torchlinf.field.certificate import RESOLUTION, certify
+from torchlinf.field.certificate import RESOLUTION, ROUNDING, certify
 from torchlinf.field.distance import chessboard_distance
 from torchlinf.field.erosions import soft_distance_of
 from torchlinf.field.methods import METHODS, solve_shape, uses_kernels
@@ -25,6 +25,7 @@ from torchlinf.field.stencil import residual
 __all__ = [
     "METHODS",
     "RESOLUTION",
+    "ROUNDING",
     "FieldSolution",
     "Status",
     "as_probability",

@@ -3,6 +3,10 @@
 import torch
 from torch import Tensor
 
+# Relative error that the rounding of a residual in float64 can hide, for each unit of max v: it is three sums of
+# numbers of at most max v, each rounded once.
+ROUNDING = 4 * 2.0**-52
+
 # Ulps of max v below which no residual is asked for. A sweep rounds three numbers of up to 2 max v, so that its result
 # has a residual of up to 3 ulps, and momentum adds about as much again; in float32 up to 5.5 ulps were seen to remain.
 RESOLUTION = 8

@@ -119,7 +119,8 @@ class PolicyIteration:
         self.v = shape.profile[shape.distance]
         self.buffer = np.empty((4, shape.grid.shape[-1]))
         self.active_set = ActiveSet(shape.grid) if shape.grid.pixels >= LARGE else None
-        self.tol = max(tol, RESOLUTION * np.finfo(np.float64).eps * float(shape.profile[-1]))
+        self.finest = RESOLUTION * np.finfo(np.float64).eps * float(shape.profile[-1])
+        self.tol = max(tol, self.finest)
         self.stencil = (self.v, shape.grid.starts, shape.grid.ends, shape.grid.rows)
         self.bound = np.inf
         self.num_sweeps = 0.0
@@ -148,6 +149,18 @@ class PolicyIteration:
                 self.start_from_coarse()
             self.iterate()
         return self.v.reshape(self.shape.grid.shape)[grid.interior(len(self.shape.grid.shape))]
+
+    def refine(self, tol: float) -> bool:
+        """Solve on, to a smaller tolerance as far as floating point goes; True if the bound became smaller."""
+        wanted, before, kept = self.tol, self.bound, self.v.copy()
+        self.tol = max(tol, self.finest)
+        if self.bound > self.tol:
+            self.iterate()
+        self.tol = wanted
+        if self.bound < before:
+            return True
+        self.v[:], self.bound = kept, before
+        return False
 
     def certify(self) -> bool:
         """Bound the error of v; True once it is within the tolerance."""

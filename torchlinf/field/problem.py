@@ -27,6 +27,11 @@ class Problem:
     screening: Tensor
     compile: bool = False
 
+    def select(self, shapes: Tensor) -> "Problem":
+        """The problem of the shapes with these indices."""
+        mask, distance, radius = self.mask[shapes], self.distance[shapes], self.radius[shapes]
+        return Problem(mask, distance, radius, self.screening[shapes], self.compile)
+
 
 def pose(mask: Tensor, rho: float | Tensor | None, batch_shape: tuple[int, ...], compile: bool = False) -> Problem:
     """The problem of a checked mask, bool (N, *spatial), with the screening rho of the batch shape."""

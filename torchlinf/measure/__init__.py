@@ -7,6 +7,7 @@ from torchlinf.measure.profile import (
     ComplexityProfile,
     complexity,
     complexity_profile,
+    profile_of_field,
     profile_of_levels,
     ragged_profile,
 )
@@ -24,6 +25,7 @@ __all__ = [
     "complexity_map",
     "complexity_profile",
     "level_values",
+    "profile_of_field",
     "profile_of_levels",
     "ragged_profile",
     "soft_complexity",

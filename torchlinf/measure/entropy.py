@@ -4,6 +4,7 @@ The values of all levels of all shapes stand in one flat list, beside the number
 shapes of different radius need no padding, and one call treats all of them.
 """
 
+import math
 from collections.abc import Callable
 
 import torch
@@ -11,6 +12,8 @@ from torch import Tensor
 
 # The lower edge of every bin lies this share of a bin below its nominal place; see level_entropy.
 EDGE_SLACK = 1e-6
+# Entries of the table of bins that bounds are found with.
+TABLE = 1 << 22
 
 
 def level_entropy(values: Tensor, level: Tensor, num_levels: int, bins: int = 1024) -> Tensor:
@@ -62,6 +65,102 @@ def bin_of(values: Tensor, bins: int) -> Tensor:
         tensor([0, 1, 1, 3])
     """
     return (values * bins + EDGE_SLACK).floor().clamp(0, bins - 1).long()
+
+
+def entropy_bounds(values: Tensor, level: Tensor, entropies: Tensor, error: Tensor, bins: int = 1024) -> Tensor:
+    """How far the entropy of each level can be from that of the exact field, in bits.
+
+    A value is known to a factor of (1 + e) / (1 - e). It is in doubt if that interval meets several bins. Of every bin
+    it is known how many values it holds at least and at most, so its term -x log2 x lies in an interval, and the sum of
+    these intervals holds the entropy. No bound is larger than Audenaert's, m/n log2(bins - 1) + h2(m/n) with m of n
+    values in doubt.
+
+    Args:
+        values: (P,) floating point, in [0, 1].
+        level: (P,) int64, in [0, num_levels): the level each value belongs to.
+        entropies: (num_levels,) what `level_entropy` found.
+        error: (num_levels,) e, the relative error of the field that the level belongs to; inf where nothing is known.
+        bins: number of bins.
+
+    Returns:
+        (num_levels,) tensor of the dtype of `values`, 0 or more; 0.0 where no value is in doubt.
+
+    Example:
+        >>> values = torch.tensor([0.3, 0.3, 0.3, 0.5], dtype=torch.float64)  # one lies at the edge of two bins
+        >>> level = torch.zeros(4, dtype=torch.int64)
+        >>> found = level_entropy(values, level, 1, bins=2)
+        >>> found, entropy_bounds(values, level, found, torch.tensor([1e-4]), bins=2)
+        (tensor([0.8113], dtype=torch.float64), tensor([0.8113], dtype=torch.float64))
+    """
+    known = error < 1
+    e = torch.where(known, error, 0).to(values.dtype)
+    factor = ((1 + e) / (1 - e) * (1 + 4 * torch.finfo(values.dtype).eps))[level]
+    low = torch.where(known[level], bin_of(values / factor, bins), 0)
+    high = torch.where(known[level], bin_of((values * factor).clamp(max=1), bins), bins - 1)
+    size = torch.bincount(level, minlength=len(entropies))
+    doubtful = torch.bincount(level[low != high], minlength=len(entropies))
+    bounds = torch.zeros_like(entropies)
+    # Levels in doubt only, and so many at a time that the table of their bins stays small.
+    for some in doubtful.nonzero()[:, 0].split(max(1, TABLE // (bins + 1))):
+        row = torch.full_like(size, -1)
+        row[some] = torch.arange(len(some), device=some.device)
+        of = row[level]
+        mine = of >= 0
+        args = (of[mine], low[mine], high[mine], bin_of(values[mine], bins), bins)
+        bounds[some] = _deviation(*args, size[some], doubtful[some], entropies[some])
+    return bounds
+
+
+def _deviation(
+    row: Tensor, low: Tensor, high: Tensor, now: Tensor, bins: int, size: Tensor, doubtful: Tensor, entropy: Tensor
+) -> Tensor:
+    """The largest difference in entropy of each level (row), from how many values each bin holds at least and most."""
+    table = entropy.new_zeros(len(size), bins + 1)
+    first = row * (bins + 1)
+    one = torch.ones_like(row, dtype=entropy.dtype)
+    certain = table.clone().view(-1).index_add(0, (first + low)[low == high], one[low == high]).view_as(table)
+    count = table.clone().view(-1).index_add(0, first + now, one).view_as(table)
+    change = table.view(-1).index_add(0, first + low, one).index_add(0, first + high + 1, -one).view_as(table)
+    share = [x[:, :bins] / size[:, None] for x in (certain, change.cumsum(dim=1), count)]
+    terms = [-torch.special.xlogy(x, x) / math.log(2) for x in share]
+    most = torch.maximum(terms[0], terms[1])
+    most = torch.where((share[0] * math.e < 1) & (share[1] * math.e > 1), math.log2(math.e) / math.e, most)
+    moved = share[1] > share[0]
+    rise = torch.where(moved, most - terms[2], 0).sum(dim=1)
+    fall = torch.where(moved, terms[2] - torch.minimum(terms[0], terms[1]), 0).sum(dim=1)
+    # An entropy lies between 0 and the logarithm of the number of values or bins.
+    bound = torch.maximum(torch.minimum(rise, size.clamp(max=bins).to(entropy).log2() - entropy), fall.minimum(entropy))
+    if bins > 1:
+        part = (doubtful / size).to(entropy)
+        binary = -(torch.special.xlogy(part, part) + torch.special.xlogy(1 - part, 1 - part)) / math.log(2)
+        formula = part * math.log2(bins - 1) + binary
+        bound = torch.where(part <= 1 - 1 / bins, torch.minimum(bound, formula), bound)
+    return bound.clamp(min=0)
+
+
+def std_bounds(values: Tensor, level: Tensor, num_levels: int, error: Tensor) -> Tensor:
+    """How far the standard deviation of each level can be from that of the exact field.
+
+    Values move by at most ((1 + e) / (1 - e) - 1) times themselves. A standard deviation changes by no more than the
+    root mean square of what its values change by.
+
+    Args:
+        values: (P,) floating point, in [0, 1].
+        level: (P,) int64, the level each value belongs to.
+        num_levels: number of levels.
+        error: (num_levels,) the relative error of the field that the level belongs to.
+
+    Returns:
+        (num_levels,) tensor of the dtype of `values`, in [0, 0.5].
+
+    Example:
+        >>> std_bounds(torch.ones(2), torch.tensor([0, 0]), 1, torch.tensor([0.01])).round(decimals=4)
+        tensor([0.0202])
+    """
+    e = torch.where(error < 1, error, torch.nan).to(values.dtype)
+    square = torch.zeros(num_levels, dtype=values.dtype, device=values.device).index_add(0, level, values.square())
+    size = torch.bincount(level, minlength=num_levels)
+    return (2 * e / (1 - e) * (square / size).sqrt()).nan_to_num(nan=0.5).clamp(max=0.5)
 
 
 def level_std(values: Tensor, level: Tensor, num_levels: int, bins: int = 1024) -> Tensor:

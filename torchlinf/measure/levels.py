@@ -1,4 +1,4 @@
-"""The levels of shapes: the sets of pixels at one distance, and how much the field varies on each.
+"""The levels of shapes: the sets of pixels at one distance, how much the field varies on each, and how sure that is.
 
 `levels_of` goes from masks to the values of their levels. On the CPU each shape is cropped to its box, solved, and
 sorted by level in compiled kernels, several shapes at a time, and nothing of it is kept but the values. On other
@@ -6,8 +6,8 @@ devices the batch is solved in torch operations. Levels of all shapes stand in o
 0, then those of shape 1.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from math import ceil
 from time import perf_counter
 
@@ -19,9 +19,9 @@ from torch import Tensor
 from torchlinf._boxes import bounding_box
 from torchlinf._checks import positive_tensor
 from torchlinf._parallel import for_each
-from torchlinf.field import Status, pose, raise_failures, solve, solve_shape, uses_kernels
+from torchlinf.field import ROUNDING, Status, pose, raise_failures, solve, solve_shape, uses_kernels
 from torchlinf.kernels import has_compiler
-from torchlinf.measure.entropy import EDGE_SLACK, ESTIMATORS
+from torchlinf.measure.entropy import EDGE_SLACK, ESTIMATORS, entropy_bounds, std_bounds
 from torchlinf.measure.options import Measure
 
 CHUNK = 8  # shapes that a thread takes at a time: handing over one costs a tenth of solving a small one
@@ -35,12 +35,14 @@ class Levels:
 
     Attributes:
         values: (sum of radius,) floating point, all levels of all shapes one after the other.
+        error_bound: like `values`, in their unit: how far each can be from that of the exact field.
         radius: (N,) int64, the number of levels of each shape; 0 for an empty one.
         field_error_bound: (N,) certified relative error of each field.
         seconds: (N,) float64, the time that each shape took; a batch in torch operations shares its time evenly.
     """
 
     values: Tensor
+    error_bound: Tensor
     radius: Tensor
     field_error_bound: Tensor
     seconds: Tensor
@@ -59,9 +61,31 @@ def levels_of(masks: Tensor, lead: tuple[int, ...], measure: Measure, method: st
     problem = pose(masks, measure.rho, lead)
     solved = solve(problem, lead, tol=measure.tol, method=method)
     radius = problem.radius.long()
-    values = level_values(solved.value, problem.distance, radius, estimator=measure.estimator, bins=measure.bins)
+    field, error = solved.value, solved.error_bound
+    values, bounds = level_values(field, problem.distance, radius, error, measure)
+    for tol in _tighter(measure):
+        shape = torch.repeat_interleave(torch.arange(len(radius), device=radius.device), radius)
+        doubtful = shape[bounds > measure.tol_bits].unique()
+        if not len(doubtful):
+            break
+        finer = solve(problem.select(doubtful), (len(doubtful),), tol=tol, method=method, throw=False)
+        better = finer.error_bound < error[doubtful]
+        field, error = field.clone(), error.clone()
+        field[doubtful[better]], error[doubtful[better]] = finer.value[better], finer.error_bound[better]
+        values, bounds = level_values(field, problem.distance, radius, error, measure)
     seconds = torch.full((len(masks),), (perf_counter() - start) / max(len(masks), 1), dtype=torch.float64)
-    return Levels(values, radius, solved.error_bound, seconds)
+    return Levels(values, bounds, radius, error, seconds)
+
+
+def _tighter(measure: Measure) -> Iterator[float]:
+    """The tolerances to solve to next, as long as a level is in doubt."""
+    if measure.estimator == "std" and measure.tol_bits == 0:
+        return  # the bound of a standard deviation falls with that of the field and never is 0
+    tol = measure.tol
+    while measure.tol_bits > 0 and tol > 1e-11:
+        tol /= 100
+        yield tol
+    yield 1e-300  # as far as floating point goes
 
 
 def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: Measure) -> Levels:
@@ -81,7 +105,8 @@ def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: 
     """
     rhos = _rho_of_each(measure, lead)
     values: list[NDArray[np.float64]] = [np.zeros(0)] * count
-    bound, seconds, sweeps = np.zeros(count), np.zeros(count), np.zeros(count, np.int64)
+    bounds: list[NDArray[np.float64]] = [np.zeros(0)] * count
+    error, seconds, sweeps = np.zeros(count), np.zeros(count), np.zeros(count, np.int64)
     status = np.full(count, int(Status.EMPTY), np.int64)
 
     def solve_one(i: int, check: Callable[[], None]) -> None:
@@ -90,12 +115,12 @@ def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: 
         if not mask[box].size:
             return
         if has_compiler():
-            values[i], bound[i], sweeps[i], status[i] = _by_kernels(mask[box], rhos(i), measure, check)
+            values[i], bounds[i], error[i], sweeps[i], status[i] = _by_kernels(mask[box], rhos(i), measure, check)
         else:
             alone = torch.from_numpy(np.ascontiguousarray(mask[box]))[None]
-            found = levels_of(alone, (), Measure(**{**measure.options(), "rho": rhos(i)}), "accelerated")
-            values[i], bound[i] = found.values.numpy(), float(found.field_error_bound)
-            status[i] = int(Status.CONVERGED)
+            found = levels_of(alone, (), replace(measure, rho=rhos(i)), "accelerated")
+            values[i], bounds[i] = found.values.numpy(), found.error_bound.numpy()
+            error[i], status[i] = float(found.field_error_bound), int(Status.CONVERGED)
 
     chunk = min(CHUNK, ceil(count / (4 * torch.get_num_threads())) or 1)
 
@@ -106,11 +131,11 @@ def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: 
             seconds[i] = perf_counter() - start
 
     for_each(solve_chunk, ceil(count / chunk))
-    field_error_bound = torch.from_numpy(bound)
+    field_error_bound = torch.from_numpy(error)
     raise_failures(torch.from_numpy(status), field_error_bound, torch.from_numpy(sweeps), measure.tol, lead)
     radius = torch.tensor([len(found) for found in values], dtype=torch.int64)
-    found = torch.from_numpy(np.concatenate([np.zeros(0), *values]))
-    return Levels(found, radius, field_error_bound, torch.from_numpy(seconds))
+    flat, flat_bounds = (torch.from_numpy(np.concatenate([np.zeros(0), *parts])) for parts in (values, bounds))
+    return Levels(flat, flat_bounds, radius, field_error_bound, torch.from_numpy(seconds))
 
 
 def _rho_of_each(measure: Measure, lead: tuple[int, ...]) -> Callable[[int], float | None]:
@@ -123,35 +148,49 @@ def _rho_of_each(measure: Measure, lead: tuple[int, ...]) -> Callable[[int], flo
 
 def _by_kernels(
     mask: NDArray[np.bool_], rho: float | None, measure: Measure, check: Callable[[], None]
-) -> tuple[NDArray[np.float64], float, int, int]:
-    """Values of the levels, bound of the field, sweeps and status of one cropped shape."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float, int, int]:
+    """Values and bounds of the levels, bound of the field, sweeps and status of one cropped shape."""
     from torchlinf.kernels import histograms
 
     solved = solve_shape(mask, rho, measure.tol, check)
-    # The ring of outside pixels is on no level, so field and distance can stay padded.
-    values, begin = histograms.sort_by_level(solved.v, solved.shape.distance, solved.shape.radius)
-    estimate = {"entropy": histograms.entropies, "std": histograms.deviations}[measure.estimator]
-    return estimate(values, begin, measure.bins, EDGE_SLACK), solved.bound, solved.sweeps(), int(solved.status)
+    distance = solved.shape.distance
+    if measure.levels == "rim":
+        distance = histograms.rim(distance, solved.shape.grid.strides)
+
+    def estimate() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        # The ring of outside pixels is on no level, so field and distance can stay padded.
+        values, begin = histograms.sort_by_level(solved.v, distance, solved.shape.radius)
+        error = solved.bound + ROUNDING * values.max()
+        if measure.estimator == "std":
+            return histograms.deviations(values, begin), histograms.deviation_bounds(values, begin, error)
+        found = histograms.entropies(values, begin, measure.bins, EDGE_SLACK)
+        return found, histograms.entropy_bounds(values, begin, measure.bins, EDGE_SLACK, error, found)
+
+    values, bounds = estimate()
+    for tol in _tighter(measure):
+        if bounds.max() <= measure.tol_bits or not solved.refine(tol):
+            break
+        values, bounds = estimate()
+    return values, bounds, solved.bound, solved.sweeps(), int(solved.status)
 
 
 def level_values(
-    field: Tensor, distance: Tensor, radius: Tensor, *, estimator: str = "entropy", bins: int = 1024
-) -> Tensor:
-    """Estimate for every level of every shape how much the field varies on it.
+    field: Tensor, distance: Tensor, radius: Tensor, error: Tensor, measure: Measure
+) -> tuple[Tensor, Tensor]:
+    """Estimate for every level of every shape how much the field varies on it, and how sure that is.
 
     Args:
         field: (N, *spatial), finite, positive inside each shape and 0 outside; need not be normalised, as every shape
             is divided by its own maximum.
         distance: (N, *spatial) integers, the chessboard distance in pixels, 0 outside.
         radius: (N,) integers, the maximum of `distance` over each shape; 0 for an empty shape.
-        estimator: "entropy" (bits, in [0, log2(bins)]) or "std" (population standard deviation of the normalised
-            field, in [0, 0.5]).
-        bins: number of equal bins on [0, 1]; only "entropy" uses it.
+        error: (N,) certified relative error of each field.
+        measure: `estimator`, `bins` and `levels` are used.
 
     Returns:
-        (sum of radius,) tensor of the field's dtype: levels 1..radius[0] of shape 0, then those of shape 1, and so on.
-        Empty shapes contribute no entry, so a batch of empty shapes gives a tensor of size 0. A uniform level gives
-        exactly 0.0. Not differentiable: it counts.
+        The values and their error bounds, two (sum of radius,) tensors of the field's dtype: levels 1..radius[0] of
+        shape 0, then those of shape 1, and so on. Empty shapes contribute no entry. A uniform level gives exactly 0.0.
+        Not differentiable: it counts.
 
     Raises:
         ValueError: the field is not finite.
@@ -161,17 +200,43 @@ def level_values(
     Example:
         >>> field = torch.tensor([[1.0, 2.0, 4.0, 2.0, 1.0]], dtype=torch.float64)
         >>> distance = torch.tensor([[1, 2, 2, 2, 1]])
-        >>> level_values(field, distance, torch.tensor([2]))
+        >>> level_values(field, distance, torch.tensor([2]), torch.zeros(1), Measure())[0]
         tensor([0.0000, 0.9183], dtype=torch.float64)
     """
     flat = field.flatten(1)
     peak = flat.amax(dim=1)  # (N,)
     if not bool(torch.isfinite(peak).all()):
         raise ValueError("field must be finite; got NaN or infinity. Solve the field again with another rho.")
-    inside = distance.flatten(1) > 0  # (N, P)
-    shape = inside.nonzero()[:, 0]  # (pixels,) the shape that each inside pixel belongs to
-    level = first_level(radius)[shape] + distance.flatten(1)[inside].long() - 1
-    return ESTIMATORS[estimator](flat[inside] / peak[shape], level, int(radius.sum()), bins)
+    number = (rim(distance) if measure.levels == "rim" else distance).flatten(1)
+    inside = number > 0  # (N, P)
+    shape = inside.nonzero()[:, 0]  # (pixels,) the shape that each pixel of a level belongs to
+    level = first_level(radius)[shape] + number[inside].long() - 1
+    values, count = flat[inside] / peak[shape], int(radius.sum())
+    known = error + ROUNDING * peak.double() if flat.dtype == torch.float64 else error + 1e9 * ROUNDING * peak
+    of_level = torch.repeat_interleave(known, radius)
+    found = ESTIMATORS[measure.estimator](values, level, count, measure.bins)
+    if measure.estimator == "std":
+        return found, std_bounds(values, level, count, of_level)
+    return found, entropy_bounds(values, level, found, of_level, measure.bins)
+
+
+def rim(distance: Tensor) -> Tensor:
+    """The distance on the rims, 0 elsewhere: of level k those pixels that touch a smaller distance through a face.
+
+    Args:
+        distance: (N, *spatial) integers, 0 outside; what lies beyond the array counts as 0.
+
+    Example:
+        >>> rim(torch.tensor([[[1, 1, 1, 1], [1, 2, 2, 1], [1, 2, 2, 1], [1, 1, 2, 2], [0, 1, 1, 2]]]))[0, 3:]
+        tensor([[1, 0, 2, 2],
+                [0, 1, 1, 2]])
+    """
+    lowest = distance
+    for dim in range(1, distance.ndim):
+        padded = torch.nn.functional.pad(distance.movedim(dim, -1), (1, 1))
+        beside = torch.minimum(padded[..., 2:], padded[..., :-2]).movedim(-1, dim)
+        lowest = torch.minimum(lowest, beside)
+    return torch.where(lowest < distance, distance, 0)
 
 
 def first_level(radius: Tensor) -> Tensor:

@@ -15,12 +15,14 @@ from typing import Any, Literal, TypedDict, TypeVar
 
 from torch import Tensor
 
-from torchlinf._checks import choice, count, positive, window
+from torchlinf._checks import choice, count, from_zero, positive, window
 
 Estimator = Literal["entropy", "std"]
+LevelSets = Literal["distance", "rim"]
 Window = tuple[float, float]
 
 ESTIMATORS = ("entropy", "std")
+LEVELS = ("distance", "rim")
 MAX_BINS = 2**20  # finer bins would be narrower than the default tolerance can tell apart
 ALL_SCALES = (0.0, 1.0)
 
@@ -30,8 +32,10 @@ class LevelOptions(TypedDict, total=False):
 
     bins: int
     estimator: Estimator
+    levels: LevelSets
     rho: float | Tensor | None
     tol: float
+    tol_bits: float
 
 
 class WindowOptions(LevelOptions, total=False):
@@ -69,8 +73,10 @@ class Measure:
         windows: several windows by name, or None for the one window (low, high].
         bins: number of equal bins on [0, 1] for "entropy", from 1 to 2^20.
         estimator: "entropy" (bits) or "std" (share of the field's maximum).
+        levels: "distance" (level k is {d = k}) or "rim" (the rim of {d >= k}, thinner at corners).
         rho: screening length in pixels; None means each shape's own radius.
         tol: relative error that every field is certified to.
+        tol_bits: bits that every level may be off; 0 means none, as far as floating point can tell.
 
     Raises:
         TypeError: an option is of the wrong type.
@@ -89,20 +95,24 @@ class Measure:
     windows: Mapping[str, Window] | None = None
     bins: int = 1024
     estimator: Estimator = "entropy"
+    levels: LevelSets = "distance"
     rho: float | Tensor | None = None
     tol: float = 1e-9
+    tol_bits: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every option; numbers become plain floats and ints."""
         low, high = window(self.low, self.high)
         checked: dict[str, Any] = {"low": low, "high": high, "windows": _windows(self.windows, (low, high))}
         checked["estimator"] = choice(self.estimator, ESTIMATORS, "estimator")
+        checked["levels"] = choice(self.levels, LEVELS, "levels")
         checked["bins"] = count(self.bins, "bins")
         if self.bins > MAX_BINS:
             raise ValueError(f"bins must be at most {MAX_BINS}; got {self.bins}. Pass 1024, the value of the paper.")
         if self.rho is not None and not isinstance(self.rho, Tensor):
             checked["rho"] = positive(self.rho, "rho")
         checked["tol"] = positive(self.tol, "tol")
+        checked["tol_bits"] = from_zero(self.tol_bits, "tol_bits")
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
@@ -131,7 +141,8 @@ class Measure:
         """All options as one line of JSON, for a column of a table: what has to be known to compute a number again.
 
         >>> Measure(high=0.25).settings()
-        '{"low": 0.0, "high": 0.25, "windows": null, "bins": 1024, "estimator": "entropy", "rho": null, "tol": 1e-09}'
+        '{"low": 0.0, "high": 0.25, "windows": null, "bins": 1024, "estimator": "entropy", "levels": "distance",
+        "rho": null, "tol": 1e-09, "tol_bits": 0.0}'
         """
         rho = "one value a shape" if isinstance(self.rho, Tensor) else self.rho
         return json.dumps({field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | {"rho": rho})
@@ -198,9 +209,14 @@ _DOCS = {
     "bins": 'number of equal bins on [0, 1], from 1 to 2^20; only "entropy" uses it.',
     "estimator": '"entropy", bits of the histogram of f / max f on a level, in [0, log2(bins)]; or "std", the '
     "population standard deviation of f / max f on a level, in [0, 0.5].",
+    "levels": '"distance", level k is every pixel of distance k; or "rim", those of them that touch a pixel of smaller '
+    "distance through a face (the 2n-connected rim of {d >= k}), as the paper's numbers have it.",
     "rho": "screening length in pixels, a number or a tensor that broadcasts to the leading shape; None means each "
     "shape's own radius.",
     "tol": "relative error that every field is certified to.",
+    "tol_bits": "how far every level's entropy may be off, in bits. 0: where a value may lie in another bin, the field "
+    "is solved on, as far as floating point goes. Above 0: it is solved on only until this is reached; then a larger "
+    "`tol` saves time. math.inf: it is never solved beyond `tol`. The error bound that remains is reported.",
 }
 
 MARK = "{measure options}"
@@ -229,7 +245,8 @@ def takes(kind: type, **changed: Any) -> Callable[[Documented], Documented]:
     ...         {measure options}
     ...     '''
     >>> inspect.signature(mean)
-    <Signature (mask, *, low=0.0, high=1.0, bins=1024, estimator='entropy', rho=None, tol=1e-09)>
+    <Signature (mask, *, low=0.0, high=1.0, bins=1024, estimator='entropy', levels='distance', rho=None,\
+     tol=1e-09, tol_bits=0.0)>
     """
     defaults = {field.name: field.default for field in dataclasses.fields(Measure)} | changed
 
@@ -243,7 +260,13 @@ def takes(kind: type, **changed: Any) -> Callable[[Documented], Documented]:
         added = [
             inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=defaults[name]) for name in names_of(kind)
         ]
-        target.__signature__ = inspect.Signature([*plain, *added, *rest])  # type: ignore[attr-defined]
+        signature = inspect.Signature([*plain, *added, *rest])
+        if isinstance(target, type):
+            # On the class itself it would also be that of every subclass, whatever its own arguments are.
+            itself = inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+            target.__init__.__signature__ = signature.replace(parameters=[itself, *signature.parameters.values()])  # type: ignore[misc]
+        else:
+            target.__signature__ = signature  # type: ignore[attr-defined]
         if target.__doc__ is not None:
             target.__doc__ = "\n".join(_filled(target.__doc__, names_of(kind)))
         return target

@@ -10,7 +10,7 @@ from torch import Tensor
 from torchlinf._checks import as_mask, choice, real_dtype, window
 from torchlinf.field import METHODS
 from torchlinf.measure.entropy import segment_sum
-from torchlinf.measure.levels import Levels, MaskAt, first_level, levels_of, levels_of_each
+from torchlinf.measure.levels import Levels, MaskAt, first_level, level_values, levels_of, levels_of_each
 from torchlinf.measure.options import LevelOptions, Measure, WindowOptions, takes
 
 
@@ -29,9 +29,10 @@ class ComplexityProfile:
         values: (*lead, L) the level value (bits for "entropy", share of the field's maximum for "std") at each scale;
             NaN for an empty shape.
         radius: (*lead) int64, D in pixels; 0 for an empty shape.
-        field_error_bound: (*lead) float64, the certified relative error of the FIELD at every pixel. The complexity has
-            no bound of its own: an entropy jumps where a value crosses the edge of a bin.
+        field_error_bound: (*lead) float64, the certified relative error of the field at every pixel.
         level_values: (sum of radius,) float64, all levels of all shapes one after the other; `levels` splits it.
+        level_error_bound: like `level_values` and in their unit, how far each can be from that of the exact field.
+            `error_bound` makes the bound of a mean of it.
         measure: how the levels were measured. Its window is not used here.
         seconds: (*lead) float64 on the CPU, the time that each shape took.
     """
@@ -41,6 +42,7 @@ class ComplexityProfile:
     radius: Tensor
     field_error_bound: Tensor
     level_values: Tensor
+    level_error_bound: Tensor
     measure: Measure
     seconds: Tensor
 
@@ -83,14 +85,49 @@ class ComplexityProfile:
             >>> profile.mean(), profile.mean(0.75, 1.0)
             (tensor(0.8227, dtype=torch.float64), tensor(0.1837, dtype=torch.float64))
         """
-        low, high = window(low, high)
+        return self._mean_of(self.level_values, *window(low, high))
+
+    def error_bound(self, low: float = 0.0, high: float = 1.0) -> Tensor:
+        """How far `mean(low, high)` can be from the complexity of the exact field, proven.
+
+        The field is known to a relative error at every pixel. So it is known of every pixel which bins it may be in, of
+        every bin how many pixels it holds at least and at most, and within which bounds the entropy lies. Where no
+        pixel may be in another bin the bound is 0: then the number is the exact one, up to the rounding of the sum of
+        its terms (less than 1e-11 for a million pixels).
+
+        Args:
+            low: lower end of the window, excluded.
+            high: upper end of the window, included; 0 <= low < high <= 1.
+
+        Returns:
+            (*lead) tensor of the dtype of `values`, in their unit, 0 or more; NaN for an empty shape.
+
+        Raises:
+            TypeError: `low` or `high` is no number.
+            ValueError: not 0 <= low < high <= 1.
+
+        Source: docs/method, "An error bound in bits".
+
+        Example:
+            >>> import math, torchlinf
+            >>> disc = torchlinf.shapes.disc(16)
+            >>> torchlinf.complexity_profile(disc, spatial_ndim=2).error_bound()
+            tensor(0., dtype=torch.float64)
+            >>> rough = torchlinf.complexity_profile(
+            ...     disc, tol=0.01, tol_bits=math.inf, method="accelerated", spatial_ndim=2
+            ... )
+            >>> bool((rough.mean() - 1.7651).abs() <= rough.error_bound()), bool(rough.error_bound() < 4)
+            (True, True)
+        """
+        return self._mean_of(self.level_error_bound, *window(low, high))
+
+    def _mean_of(self, of_levels: Tensor, low: float, high: float) -> Tensor:
+        """Exact mean over the scales in (low, high] of one number a level."""
         shape, number = self._numbered()
-        size = self.radius.flatten().to(self.level_values)[shape]  # (sum of radius,) the D that belongs to each level
+        size = self.radius.flatten().to(of_levels)[shape]  # (sum of radius,) the D that belongs to each level
         overlap = length_within(number, size, low, high)
-        bound = torch.full_like(
-            self.radius.flatten(), 32
-        )  # no level value exceeds 20 bits, and the lengths add up to 1
-        total = segment_sum(self.level_values * overlap, shape, bound) / (high - low)
+        most = torch.full_like(self.radius.flatten(), 32)  # no value exceeds 20 bits, and the lengths add up to 1
+        total = segment_sum(of_levels * overlap, shape, most) / (high - low)
         return self._lead(total.masked_fill(self.radius.flatten() == 0, torch.nan))
 
     def peak(self) -> tuple[Tensor, Tensor]:
@@ -251,6 +288,31 @@ def complexity(
     return profile.mean(measure.low, measure.high)
 
 
+def profile_of_field(field: Tensor, distance: Tensor, field_error: Tensor, measure: Measure) -> ComplexityProfile:
+    """The profile of one shape whose field is solved already.
+
+    Args:
+        field: (*spatial), as `solve_field` gives it, of a shape that is not empty.
+        distance: (*spatial), its chessboard distance.
+        field_error: the certified relative error of the field, without dimensions.
+        measure: how complexity is measured; `rho` and `tol` are those of the solve.
+
+    Returns:
+        The profile, without batch dimensions.
+
+    Example:
+        >>> from torchlinf import chessboard_distance, shapes, solve_field
+        >>> disc = shapes.disc(8)
+        >>> solved = solve_field(disc, spatial_ndim=2)
+        >>> distance = chessboard_distance(disc, spatial_ndim=2)
+        >>> profile_of_field(solved.value, distance, solved.error_bound, Measure()).mean()
+        tensor(0.6233, dtype=torch.float64)
+    """
+    radius, error = distance.max().reshape(1).long(), field_error.reshape(1)
+    values, bounds = level_values(field[None], distance[None], radius, error, measure)
+    return profile_of_levels(Levels(values, bounds, radius, error, torch.zeros(1, dtype=torch.float64)), (), measure)
+
+
 def profile_of_levels(
     levels: Levels,
     lead: tuple[int, ...],
@@ -268,6 +330,7 @@ def profile_of_levels(
         radius=levels.radius.reshape(lead),
         field_error_bound=levels.field_error_bound.reshape(lead),
         level_values=found,
+        level_error_bound=levels.error_bound,
         measure=measure,
         seconds=levels.seconds.reshape(lead),
     )

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -15,11 +14,9 @@ from torchlinf.field import FieldSolution, chessboard_distance, solve_field
 from torchlinf.measure import (
     ComplexityProfile,
     LevelOptions,
-    Levels,
     Measure,
     complexity_profile,
-    level_values,
-    profile_of_levels,
+    profile_of_field,
 )
 
 
@@ -46,16 +43,7 @@ class SolvedShape:
 
     def profile(self, measure: Measure) -> ComplexityProfile:
         """The profile, of the field that is solved already."""
-        radius = self.distance.max().reshape(1).long()
-        values = level_values(
-            self.solution.value[None],
-            self.distance[None],
-            radius,
-            estimator=measure.estimator,
-            bins=measure.bins,
-        )
-        levels = Levels(values, radius, self.solution.error_bound.reshape(1), torch.zeros(1, dtype=torch.float64))
-        return profile_of_levels(levels, (), measure)
+        return profile_of_field(self.solution.value, self.distance, self.solution.error_bound, measure)
 
 
 def solved_shape(

@@ -18,7 +18,15 @@ from torch import Tensor
 
 from torchlinf._checks import positive_tensor
 from torchlinf.field import RESOLUTION, certify, residual, solve_field
-from torchlinf.measure import ComplexityProfile, Levels, Measure, complexity_profile, level_values, profile_of_levels
+from torchlinf.measure import (
+    ComplexityProfile,
+    LevelOptions,
+    Levels,
+    Measure,
+    complexity_profile,
+    level_values,
+    profile_of_levels,
+)
 
 LARGEST = 1 << 27  # pixels of the mirrored shape, a gigabyte for each array of them
 
@@ -49,17 +57,20 @@ def open_profile(mask: Tensor, measure: Measure) -> ComplexityProfile:
         >>> profile.radius, profile.mean()
         (tensor([8, 4]), tensor([1.3543, 0.0000], dtype=torch.float64))
     """
-    values, bounds, seconds = [torch.zeros(0, dtype=torch.float64)], [], []
+    nothing = torch.zeros(0, dtype=torch.float64)
+    values, bounds, errors, seconds = [nothing], [nothing], [], []
     for shape, rho in zip(mask.cpu(), _rho_of_each(measure, len(mask)), strict=True):
         start = perf_counter()
-        of_levels, bound = _levels_of(shape, rho, measure)
+        of_levels, bound, error = _levels_of(shape, rho, measure)
         values.append(of_levels)
         bounds.append(bound)
+        errors.append(error)
         seconds.append(perf_counter() - start)
     levels = Levels(
         values=torch.cat(values),
+        error_bound=torch.cat(bounds),
         radius=torch.tensor([len(of_levels) for of_levels in values[1:]], dtype=torch.int64),
-        field_error_bound=torch.tensor(bounds, dtype=torch.float64),
+        field_error_bound=torch.tensor(errors, dtype=torch.float64),
         seconds=torch.tensor(seconds, dtype=torch.float64),
     )
     return profile_of_levels(levels, (len(mask),), measure)
@@ -71,24 +82,18 @@ def _rho_of_each(measure: Measure, count: int) -> list[float | None]:
     return [measure.rho] * count
 
 
-def _levels_of(mask: Tensor, rho: float | None, measure: Measure) -> tuple[Tensor, float]:
-    """The values of the levels of one shape, and the bound of its field's error."""
+def _levels_of(mask: Tensor, rho: float | None, measure: Measure) -> tuple[Tensor, Tensor, float]:
+    """The values of the levels of one shape, their error bounds, and the bound of the field's error."""
     if bool(mask.all()) or not bool(mask.any()):
-        profile = complexity_profile(
-            mask, bins=measure.bins, estimator=measure.estimator, rho=rho, tol=measure.tol, spatial_ndim=mask.ndim
-        )
-        return profile.level_values, float(profile.field_error_bound)
+        levels = {name: getattr(measure, name) for name in LevelOptions.__optional_keys__}
+        profile = complexity_profile(mask, **{**levels, "rho": rho}, spatial_ndim=mask.ndim)
+        return profile.level_values, profile.level_error_bound, float(profile.field_error_bound)
     distance = open_distance(mask.numpy())
     radius = int(distance.max())
-    value, bound = open_field(mask.numpy(), radius, float(radius) if rho is None else rho, measure.tol)
-    of_levels = level_values(
-        torch.from_numpy(value)[None],
-        torch.from_numpy(distance)[None],
-        torch.tensor([radius]),
-        bins=measure.bins,
-        estimator=measure.estimator,
-    )
-    return of_levels, bound
+    value, error = open_field(mask.numpy(), radius, float(radius) if rho is None else rho, measure.tol)
+    field, errors = torch.from_numpy(value)[None], torch.tensor([error], dtype=torch.float64)
+    values, bounds = level_values(field, torch.from_numpy(distance)[None], torch.tensor([radius]), errors, measure)
+    return values, bounds, error
 
 
 def open_distance(mask: Mask) -> NDArray[np.int32]:

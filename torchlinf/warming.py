@@ -1,0 +1,76 @@
+"""`warm_up`: calls that use every kernel with every type that the library passes.
+
+This module plays a user: it calls the library's public functions on small shapes. So what the functions pass to kernels
+is written in one place, and a test can ask whether anything is left to compile.
+"""
+
+import time
+
+import numpy as np
+import torch
+
+from torchlinf.field import chessboard_distance, linf_field
+from torchlinf.kernels import has_compiler
+from torchlinf.losses import ShapeComplexityLoss
+from torchlinf.measure import complexity, soft_complexity
+
+SIDES = ((41,), (70, 90), (9, 11, 10), (5, 6, 5, 7))  # in 2-D large enough for coarse grids
+LARGE = 340  # side of a square whose cut-out takes the path of large shapes
+
+
+def warm_up() -> float:
+    """Compile all kernels, so that no later call of this library on this machine has to.
+
+    Meant for images of containers, whose processes would otherwise each compile anew: run it once when the image is
+    built, as the user and with the NUMBA_CACHE_DIR that the processes will have.
+
+    Returns:
+        The seconds that it took: some 20 if nothing was compiled before, else about 1.
+
+    Raises:
+        ImportError: numba is not installed.
+
+    Example:
+        >>> import torchlinf
+        >>> seconds = torchlinf.warm_up()
+    """
+    if not has_compiler():
+        raise ImportError("warm_up compiles kernels with numba, which is not installed. Run: pip install numba")
+    start = time.perf_counter()
+    _call_everything()
+    return time.perf_counter() - start
+
+
+def _call_everything() -> None:
+    """Solve small shapes in 1 to 4 dimensions, with all that is compiled."""
+    generator = torch.Generator().manual_seed(0)
+    for sides in SIDES:
+        ndim = len(sides)
+        mask = torch.rand(sides, generator=generator) < 0.97
+        complexity(mask, spatial_ndim=ndim)
+        complexity(mask, estimator="std", spatial_ndim=ndim)
+        chessboard_distance(mask, spatial_ndim=ndim)
+        rho = torch.tensor(5.0, requires_grad=True)
+        linf_field(mask, rho=rho, spatial_ndim=ndim).sum().backward()
+        small = tuple(slice(12) for _ in sides)
+        grey = torch.rand(sides, generator=generator)[small].requires_grad_()
+        soft_complexity(grey, spatial_ndim=ndim).backward()
+        if ndim == 2:
+            grey = torch.rand((1, 1, 12, 14), generator=generator).requires_grad_()
+            ShapeComplexityLoss()(grey, torch.ones(1, 1, 12, 14)).backward()
+    y, x = np.mgrid[:LARGE, :LARGE]
+    complexity(torch.from_numpy((x - 100) ** 2 + (y - 90) ** 2 > 900), spatial_ndim=2)
+    _solve_large_component()
+
+
+def _solve_large_component() -> None:
+    """A component of the policy graph with many feedback vertices, as random policies make them."""
+    from torchlinf.kernels.grid import make_grid, pad
+    from torchlinf.kernels.policy_system import PolicySystem
+
+    padded = pad(np.ones((160, 163), np.bool_))
+    grid, inside = make_grid(padded), np.flatnonzero(padded)
+    system, rng = PolicySystem(grid, 0.01), np.random.default_rng(160)
+    system.up[inside] = inside + rng.choice(grid.block[grid.block > 0], inside.size)
+    system.down[inside] = inside + rng.choice(grid.block[grid.block != 0], inside.size)
+    system.solve(padded.reshape(-1).astype(float), 1e-6)
