@@ -31,7 +31,8 @@ SCORED = (
     "'complexity_high': (0.25, 1.0)}, bins=1024, estimator='entropy', rho=None, tol=1e-09"
 )
 
-READ = "threshold=None, invert=False, max_pixels=67108864"
+READ = "threshold=None, label=None, nonzero=False, ignore=(), invert=False, max_pixels=67108864, volume=False"
+EACH = f"{READ}, labels=False, stack=False"
 
 RESPONSE = "boundary='background', response_method='auto', threshold=None, classes=None, chunk_size=None"
 
@@ -182,7 +183,7 @@ def test_the_version_has_three_numbers() -> None:
         ),
         (torchlinf.scoring.find_masks, "(paths, *, members=None)"),
         (torchlinf.scoring.read_mask, f"(path, *, member=None, {READ})"),
-        (torchlinf.scoring.score_masks, f"(sources, *, {READ}, workers=1, isolated=False, {SCORED})"),
+        (torchlinf.scoring.score_masks, f"(sources, *, {EACH}, workers=1, isolated=False, {SCORED})"),
         (torchlinf.scoring.open_table, f"(path, *, as_json=False, resume=False, retry=False, {SCORED})"),
         (torchlinf.scoring.read_table, "(path)"),
         (torchlinf.scoring.compare_scores, "(old, new, *, column='complexity', join='path')"),
@@ -194,12 +195,12 @@ def test_the_version_has_three_numbers() -> None:
         ),
         (
             torchlinf.scoring.ray.ScoreMasks,
-            f"(column, *, name='path', {READ}, spatial_ndim=2, {SCORED})",
+            f"(column, *, name='path', {EACH}, spatial_ndim=2, {SCORED})",
         ),
         (torchlinf.scoring.ray.find_shards, "(paths, *, files=1000)"),
         (
             torchlinf.scoring.ray.score_shards,
-            f"(shards, out, *, {READ}, members=None, map_options=None, {SCORED})",
+            f"(shards, out, *, {EACH}, members=None, map_options=None, {SCORED})",
         ),
         (torchlinf.scoring.ray.connected, "(address='local', *, workers=None)"),
         (
