@@ -202,9 +202,9 @@ def test_bad_input_says_what_to_do(profiles: dict[str, ComplexityProfile]) -> No
     with pytest.raises(ValueError, match="low"):
         dominance(profiles, windows={"wrong": (0.5, 0.25)})
     other = {"disc": profiles["disc"], "other": complexity_profile(shapes.disc(5), spatial_ndim=2, bins=64)}
-    with pytest.raises(ValueError, match="got estimator='entropy', bins=64 for 'other'"):
+    with pytest.raises(ValueError, match="got estimator='entropy', bins=64, levels='distance' for 'other'"):
         dominance(other)
-    with pytest.raises(ValueError, match="got estimator='entropy', bins=64 for 1"):
+    with pytest.raises(ValueError, match="got estimator='entropy', bins=64, levels='distance' for 1"):
         kendall_tau(list(other.values()))
     with pytest.raises(TypeError, match="must be a sequence in the expected order; got dict"):
         kendall_tau(other)  # type: ignore[arg-type]

@@ -32,7 +32,7 @@ def test_rows_as_text_say_the_same_as_rows(tmp_path: Path) -> None:
 def test_columns_are_those_that_were_promised() -> None:
     assert COLUMNS == (
         "path", "height", "width", "depth", "pixels", "radius", "components", "complexity", "complexity_low",
-        "complexity_high", "peak", "peak_scale", "field_error_bound", "seconds", "error", "version", "measure",
+        "complexity_high", "peak", "peak_scale", "error_bound", "field_error_bound", "seconds", "error", "version", "measure",
     )  # fmt: skip
 
 

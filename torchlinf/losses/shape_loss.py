@@ -190,8 +190,10 @@ class ShapeComplexityLoss(nn.Module):
             measure.high,
             measure.bins,
             measure.estimator,
+            measure.levels,
             measure.scalar_rho(),
             measure.tol,
+            measure.tol_bits,
         )
         counted = torch.ones_like(flat) if mask is None else mask.expand_as(probability).flatten(0, 1).to(flat)
         gradient = gradient * counted

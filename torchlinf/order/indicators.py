@@ -24,17 +24,18 @@ def require_comparable(profiles: Iterable[tuple[str | int, ComplexityProfile]]) 
         if profile.radius.numel() != 1:
             raise ValueError(
                 f"profiles must be of one shape each; got {profile.radius.numel()} for {name!r}. "
-                "Pass one mask at a time."
+                "Pass profile[0] for the first."
             )
         if not profile.radius.all():
             raise ValueError(
                 f"profiles must be of shapes with a pixel inside; got an empty one for {name!r}. Leave it out."
             )
-        measured = f"estimator={profile.measure.estimator!r}, bins={profile.measure.bins}"
+        how = profile.measure
+        measured = f"estimator={how.estimator!r}, bins={how.bins}, levels={how.levels!r}"
         first = first or measured
         if measured != first:
             raise ValueError(
-                f"profiles must be of one estimator and number of bins; got {measured} for {name!r} and {first} before "
+                f"profiles must be of one estimator, number of bins and kind of levels; got {measured} for {name!r} and {first} before "
                 "it. Pass the same options for each."
             )
 

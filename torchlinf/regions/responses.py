@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any, TypedDict
 
 import numpy as np
@@ -12,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from torchlinf._checks import choice, count
+from torchlinf._checks import choice, count, number_or_none
 from torchlinf.regions.grids import Grid
 
 RESPONSES = ("auto", "decision_function", "predict_proba", "predict")  # in the order in which "auto" looks for them
@@ -63,8 +62,7 @@ def class_masks(
         (tensor([[ True,  True,  True, False, False],
                 [False, False, False,  True,  True]]), (0, 1))
     """
-    if threshold is not None and (isinstance(threshold, bool) or not isinstance(threshold, Real)):
-        raise TypeError(f"threshold must be a number or None; got {threshold!r}. Pass for example 0.5.")
+    threshold = number_or_none(threshold, "threshold")
     responder = _responder(classifier, response_method)
     names = responder.classes if classes is None else _names(classes)
     with _evaluating(classifier):
@@ -99,7 +97,7 @@ def _responder(classifier: Any, response_method: str) -> Responder:
             f"{response_method!r} beside a {type(classifier).__name__}. Leave it out."
         )
     if isinstance(classifier, nn.Module):
-        known = next((p for p in classifier.parameters() if p.is_floating_point()), torch.empty(0))
+        known = next((p for p in classifier.parameters() if p.is_floating_point()), torch.empty(0, device="cpu"))
         return Responder(lambda points: classifier(points.to(known)))
     if not callable(classifier):
         raise TypeError(

@@ -3,10 +3,9 @@
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from numbers import Real
 from typing import Any
 
-from torchlinf._checks import count
+from torchlinf._checks import count, number_or_none
 from torchlinf.measure import Measure, MeasureOptions
 from torchlinf.scoring.mask_rules import MAX_PIXELS
 from torchlinf.scoring.rows import KINDS, WINDOWS, columns
@@ -59,8 +58,7 @@ class ScoreOptions:
 
     def __post_init__(self) -> None:
         """Check what is not checked by `Measure`."""
-        if self.threshold is not None and (isinstance(self.threshold, bool) or not isinstance(self.threshold, Real)):
-            raise TypeError(f"threshold must be None or a number; got {self.threshold!r}. Pass for example 127.")
+        object.__setattr__(self, "threshold", number_or_none(self.threshold, "threshold", "Pass for example 127."))
         count(self.max_pixels, "max_pixels")
 
     def settings(self) -> str:
