@@ -31,8 +31,8 @@ WINDOWS = {"complexity_low": (0.0, 0.25), "complexity": (0.0, 1.0)}
 
 EPILOG = f"""{RULE}
 
-Columns: path, rank, the mean over each window, equal, above (the next steps up), incomparable, radius,
-error_bound, field_error_bound, seconds, version, measure. Without --window, --low and --high the windows are complexity_low=0-0.25
+Columns: path, rank, the mean over each window, equal, above (the next steps up), incomparable, radius, error_bound,
+field_error_bound, seconds, version, measure. Without --window, --low and --high the windows are complexity_low=0-0.25
 and complexity=0-1.
 
 Exit status: 0 all fine, 1 some masks failed, 2 wrong usage or a picture that cannot be written, 130 stopped by

@@ -28,8 +28,9 @@ def complexity_map(
     the pixel's bin. So a pixel's share is its surprisal, divided by the number of pixels of its level, times the part
     of the window (low, high] that belongs to the level; and the shares of all pixels add up to
     `complexity(mask, low=low, high=high)`, a number known to `complexity_profile(mask).error_bound(low, high)`; where
-    that bound is 0 both agree up to rounding, else within the bound of either. A share is high where f differs from what it is at most pixels of the same
-    distance. The other estimator of `complexity`, the standard deviation, is no mean over pixels and has no such map.
+    that bound is 0 the two agree up to rounding. A share is high where f differs from what it is at most pixels of the
+    same distance. The other estimator of `complexity`, the standard deviation, is no mean over pixels and has no such
+    map.
 
     Args:
         mask: (B, C, *spatial), values 0 or 1, nonzero is inside; each (b, c) is one shape.

@@ -99,7 +99,7 @@ class ComplexityProfile:
             measure = replace(measure, rho=measure.rho.broadcast_to(lead)[index])
         return ComplexityProfile(
             scales=self.scales,
-            values=self.values.flatten(0, -2)[shapes].reshape(*chosen.shape, -1) if lead else self.values,
+            values=self.values.reshape(-1, len(self.scales))[shapes].reshape(*chosen.shape, len(self.scales)),
             radius=size.reshape(chosen.shape),
             field_error_bound=self.field_error_bound.flatten()[shapes].reshape(chosen.shape),
             level_values=self.level_values[entry],

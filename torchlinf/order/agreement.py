@@ -22,7 +22,7 @@ def kendall_tau(profiles: Sequence[ComplexityProfile]) -> Tensor:
 
     Args:
         profiles: two or more, in the order in which the complexity is expected to grow, each of one shape that is not
-            empty, all of one estimator, number of bins and kind of levels, and on the same scales. They are computed already; nothing is
+            empty, all of one estimator, bins and levels and on the same scales. They are computed already; nothing is
             solved here.
 
     Returns:

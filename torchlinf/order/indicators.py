@@ -35,7 +35,7 @@ def require_comparable(profiles: Iterable[tuple[str | int, ComplexityProfile]]) 
         first = first or measured
         if measured != first:
             raise ValueError(
-                f"profiles must be of one estimator, number of bins and kind of levels; got {measured} for {name!r} and {first} before "
+                f"profiles must be measured alike; got {measured} for {name!r} and {first} before "
                 "it. Pass the same options for each."
             )
 
