@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 import torchlinf
 from torchlinf import Measure, decompose, labels, losses, metrics, order, plot, regions, scoring, shapes, transforms
 from torchlinf.cli.app import app
-from torchlinf.measure import LevelOptions, MeasureOptions, SoftOptions, WindowOptions, takes
+from torchlinf.measure import LevelOptions, MeasureOptions, SoftOptions, WindowOptions
 from torchlinf.measure.options import _DOCS, names_of
 from torchlinf.scoring.ray import ScoreMasks, score_shards
 
@@ -289,6 +289,8 @@ ENTRIES = {
     "scoring.open_table": Entry(scoring.open_table, MeasureOptions, 1, in_table, SCORED),
     "scoring.ray.ScoreMasks": Entry(ScoreMasks, MeasureOptions, 1, on_ray, SCORED),
 }
+# Without a call: that needs a cluster of Ray, see `test_ray`.
+SIGNATURES = {**ENTRIES, "scoring.ray.score_shards": Entry(score_shards, MeasureOptions, 2, nothing, SCORED)}
 COMMANDS = ("score", "order", "profile")
 
 # What each option is tried with; with all but the tolerances the number of the mask is another one.
@@ -359,9 +361,9 @@ def test_the_values_that_are_tried_change_the_number() -> None:
             assert reference(json.dumps({name: value})) != pytest.approx(default, abs=1e-3), name
 
 
-@pytest.mark.parametrize("name", ENTRIES)
+@pytest.mark.parametrize("name", SIGNATURES)
 def test_options_have_the_names_the_order_the_defaults_and_the_words_of_the_measure(name: str) -> None:
-    entry = ENTRIES[name]
+    entry = SIGNATURES[name]
     parameters = inspect.signature(entry.target).parameters
     options = {field.name: field.default for field in dataclasses.fields(Measure)}
     taken = names_of(entry.kind)
@@ -373,10 +375,8 @@ def test_options_have_the_names_the_order_the_defaults_and_the_words_of_the_meas
         assert not entry.documented or " ".join(f"{option}: {_DOCS[option]}".split()) in document
 
 
-@pytest.mark.parametrize("entry", [*ENTRIES.values(), Entry(score_shards, MeasureOptions, 2, nothing)])
+@pytest.mark.parametrize("entry", SIGNATURES.values())
 def test_only_data_are_positional(entry: Entry) -> None:
-    """`score_shards` needs Ray to run; its options are the same as those of `ScoreMasks`, see `test_ray`."""
-    assert names_of(entry.kind)
     code = inspect.unwrap(entry.target.__init__ if isinstance(entry.target, type) else entry.target).__code__
     assert code.co_argcount == entry.data + isinstance(entry.target, type)
 
@@ -601,18 +601,6 @@ def test_an_empty_mask_gives_what_the_docs_say(name: str, word: str, check: Call
     (said,) = [text for names, text in rows.items() if f"`{name}`" in names]
     assert word in said
     assert check()
-
-
-def test_takes_is_used_by_every_entry_point_that_is_registered() -> None:
-    @takes(FieldOptions)
-    def example(mask: Tensor, **options: Any) -> None:
-        """Example.
-
-        Args:
-            {measure options}
-        """
-
-    assert list(inspect.signature(example).parameters) == ["mask", "rho", "tol"]
 
 
 def test_infinity_is_written_as_json_knows_it() -> None:

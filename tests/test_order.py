@@ -143,7 +143,10 @@ def with_values(*rows: list[float], error_bound: float = 0.0) -> list[Complexity
     bound = torch.tensor(error_bound, dtype=torch.float64)
     values = [torch.tensor(row, dtype=torch.float64) for row in rows]
     return [
-        ComplexityProfile(scales, row, torch.tensor(len(row)), bound, row, Measure(), torch.zeros(())) for row in values
+        ComplexityProfile(
+            scales, row, torch.tensor(len(row)), bound, row, torch.zeros_like(row), Measure(), torch.zeros(())
+        )
+        for row in values
     ]
 
 
