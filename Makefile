@@ -9,7 +9,7 @@ PIP := -m pip install --quiet --disable-pip-version-check
 
 # The core, the losses, the metric, label maps, the command and its tables: what `make test-lowest` runs. TESTS=tests
 # runs all.
-SHORT := $(addprefix tests/test_,known_values.py distance.py field.py complexity.py entropy.py soft.py losses.py \
+SHORT := $(addprefix tests/test_,known_values.py distance.py field.py complexity.py entropy.py error_bound.py soft.py losses.py \
 	labels.py cli.py tables.py) $(wildcard tests/test_metric*.py)
 TESTS ?= $(SHORT)
 
