@@ -58,7 +58,7 @@ def order(
     """Order masks: one is above another if some window says so, and none says the contrary.
 
     Prints one row a mask: a table on a terminal, CSV into a pipe. A file that cannot be used is named on standard
-    error, and the rest go on. Values that are equal within the certified error of their fields count as equal.
+    error, and the rest go on. Values whose proven intervals meet count as equal.
     """
     with endings(None), nullcontext() if plot is None else pictures("torchlinf order --plot"):
         from torchlinf.order import dominance
