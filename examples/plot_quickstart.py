@@ -55,4 +55,4 @@ plt.show()
 profile = profiles["square with a bump"]
 print(f"scales up to 0.5: {profile.mean(0.0, 0.5):.4f} bits")
 print(f"scales above 0.5: {profile.mean(0.5, 1.0):.4f} bits")
-print(f"error of the mean over all scales: at most {profile.error_bound():.0e} bits")
+print(f"error of the mean over all scales: at most {profile.error_bound():g} bits")
