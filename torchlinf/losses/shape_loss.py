@@ -192,6 +192,8 @@ class ShapeComplexityLoss(nn.Module):
             measure.estimator,
             measure.scalar_rho(),
             measure.tol,
+            measure.levels,
+            measure.tol_bits,
         )
         counted = torch.ones_like(flat) if mask is None else mask.expand_as(probability).flatten(0, 1).to(flat)
         gradient = gradient * counted
