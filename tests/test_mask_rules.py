@@ -168,8 +168,8 @@ def test_nan_is_outside_of_everything(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "error", "words"),
     [
-        ({"threshold": "127"}, TypeError, "threshold must be None or a number; got '127'"),
-        ({"threshold": float("nan")}, ValueError, "threshold must be None or a number; got nan"),
+        ({"threshold": "127"}, TypeError, "threshold must be a number or None; got '127'"),
+        ({"threshold": float("nan")}, ValueError, "threshold must be a number or None; got NaN"),
         ({"label": 1.5}, TypeError, "label must be None or an integer"),
         ({"ignore": "255"}, TypeError, "ignore must hold integers"),
         ({"nonzero": 1}, TypeError, "nonzero must be True or False"),

@@ -31,7 +31,7 @@ WINDOWS = {"complexity_low": (0.0, 0.25), "complexity": (0.0, 1.0)}
 
 EPILOG = f"""{RULE}
 
-Columns: path, rank, the mean over each window, equal, above (the next steps up), incomparable, radius,
+Columns: path, rank, the mean over each window, equal, above (the next steps up), incomparable, radius, error_bound,
 field_error_bound, seconds, version, measure. Without --window, --low and --high the windows are complexity_low=0-0.25
 and complexity=0-1.
 
@@ -62,7 +62,7 @@ def order(
     """Order masks: one is above another if some window says so, and none says the contrary.
 
     Prints one row a mask: a table on a terminal, CSV into a pipe. A file that cannot be used is named on standard
-    error, and the rest go on. Values that are equal within the certified error of their fields count as equal.
+    error, and the rest go on. Values whose proven intervals meet count as equal.
     """
     with endings(None), nullcontext() if plot is None else pictures("torchlinf order --plot"):
         from torchlinf.order import dominance

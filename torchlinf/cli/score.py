@@ -126,6 +126,9 @@ def _progress(done: int, total: int, shown: bool) -> Iterator[Callable[[], None]
 
     columns = (TextColumn("scoring"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not (shown and console.is_terminal)) as progress:
+    if not (shown and console.is_terminal):  # a disabled Progress of rich before 14.3 prints an empty line
+        yield lambda: None
+        return
+    with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("scoring", total=total, completed=done)
         yield lambda: progress.advance(task)

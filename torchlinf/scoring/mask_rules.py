@@ -7,13 +7,14 @@ for the transforms; here stands what only files have: colours, pixels without da
 import os
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
-from numbers import Integral, Real
+from numbers import Integral
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from torchlinf._checks import count, flag, number_or_none
 from torchlinf._inside import NONZERO, UnclearMaskError, above, distinct, find_inside, listed, text
 from torchlinf.scoring.coco import Outline, Segment, draw
 from torchlinf.scoring.in_memory import InMemory, values_in_memory
@@ -72,23 +73,16 @@ class Reading:
 
     def __post_init__(self) -> None:
         """Check the options."""
-        if self.threshold is not None and (isinstance(self.threshold, bool) or not isinstance(self.threshold, Real)):
-            raise TypeError(f"threshold must be None or a number; got {self.threshold!r}. Pass for example 127.")
-        if self.threshold != self.threshold:
-            raise ValueError("threshold must be None or a number; got nan. Pass for example 127.")
+        number_or_none(self.threshold, "threshold", "Pass for example 127.")
         if self.label is not None and (isinstance(self.label, bool) or not isinstance(self.label, Integral)):
             raise TypeError(f"label must be None or an integer; got {self.label!r}. Pass for example 1.")
         for name in ("nonzero", "invert", "volume", "labels", "stack"):
-            if not isinstance(value := getattr(self, name), bool):
-                raise TypeError(f"{name} must be True or False; got {value!r}. Pass a bool.")
+            flag(getattr(self, name), name)
+        count(self.max_pixels, "max_pixels")
         ignore = self.ignore if isinstance(self.ignore, Collection) else (self.ignore,)
         if isinstance(ignore, str) or not all(isinstance(value, Integral) for value in ignore):
             raise TypeError(f"ignore must hold integers; got {self.ignore!r}. Pass for example 255.")
         object.__setattr__(self, "ignore", tuple(int(value) for value in ignore))
-        if isinstance(self.max_pixels, bool) or not isinstance(self.max_pixels, Integral):
-            raise TypeError(f"max_pixels must be an integer of 1 or more; got {self.max_pixels!r}. Pass an int.")
-        if self.max_pixels < 1:
-            raise ValueError(f"max_pixels must be an integer of 1 or more; got {self.max_pixels}. Pass a positive int.")
         named = {"threshold": self.threshold is not None, "label": self.label is not None}
         chosen = [name for name, given in (named | {"nonzero": self.nonzero, "labels": self.labels}).items() if given]
         if len(chosen) > 1:

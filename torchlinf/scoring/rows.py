@@ -39,6 +39,7 @@ class Score:
             field's maximum for the estimator "std"). Each name is a column of its own.
         peak: largest value of a level, in the same unit.
         peak_scale: scale k/D of the first level that reaches it, in (0, 1].
+        error_bound: how far any of `values` can be from that of the exact field, proven, in their unit.
         field_error_bound: certified relative error of the field.
         seconds: time taken to read and score the mask.
         inside: which rule says what is inside: "nonzero", a threshold such as "> 127", "label 3", or "outline".
@@ -60,6 +61,7 @@ class Score:
     values: Mapping[str, float | None] = field(default_factory=dict)
     peak: float | None = None
     peak_scale: float | None = None
+    error_bound: float | None = None
     field_error_bound: float | None = None
     seconds: float | None = None
     inside: str | None = None

@@ -246,6 +246,7 @@ def _numbers(inside: NDArray[np.bool_], measure: Measure) -> Score:
         values={name: profile.mean(*ends).item() for name, ends in measure.named_windows().items()},
         peak=peak.item(),
         peak_scale=peak_scale.item(),
+        error_bound=max(profile.error_bound(*ends).item() for ends in measure.named_windows().values()),
         field_error_bound=profile.field_error_bound.item(),
     )
 
