@@ -201,7 +201,7 @@ def test_threshold_invert_and_max_pixels(tmp_path: Path) -> None:
     assert measured("-t", "150") == pytest.approx(expected[0])
     assert measured("-t", "150", "-i") == pytest.approx(expected[1])
     assert measured("-t", "10") == 0.0  # all of the array
-    assert measured("--max-pixels", "729") == pytest.approx(expected[0])
+    assert measured("-t", "150", "--max-pixels", "729") == pytest.approx(expected[0])
     assert run(app, ["order", str(tmp_path / "grey.png"), "--max-pixels", "728"]).exit_code == 1
 
 
