@@ -49,8 +49,8 @@ ax.legend()
 plt.show()
 
 # %%
-# A profile answers questions about windows of scales without solving anything again, and has a proven bound on the error
-# of every answer, in bits.
+# A profile answers questions about windows of scales without solving anything again, and has a proven bound on the
+# error of every answer, in bits.
 
 profile = profiles["square with a bump"]
 print(f"scales up to 0.5: {profile.mean(0.0, 0.5):.4f} bits")
