@@ -101,7 +101,7 @@ def test_json_holds_lists(masks: Path) -> None:
     rows = {Path(row["path"]).stem: row for row in map(json.loads, result.stdout.splitlines())}
     assert list(rows["box"]) == [
         "path", "rank", "complexity_low", "complexity", "equal", "above", "incomparable", "radius",
-        "field_error_bound", "seconds", "version", "measure",
+        "error_bound", "field_error_bound", "seconds", "version", "measure",
     ]  # fmt: skip
     assert rows["box"]["version"] == torchlinf.__version__
     assert json.loads(rows["box"]["measure"])["windows"] == {"complexity_low": [0, 0.25], "complexity": [0, 1]}

@@ -22,8 +22,10 @@ def region_flip_gradient(
     high: float,
     bins: int,
     estimator: str,
+    levels: str,
     rho: float | None,
     tol: float,
+    tol_bits: float,
 ) -> tuple[Tensor, Tensor]:
     """Complexity (N,) of thresholded shapes (N, *spatial) and its finite-difference gradient, like them.
 
@@ -35,7 +37,8 @@ def region_flip_gradient(
         ValueError: a probability is not in [0, 1].
 
     Example:
-        >>> region_flip_gradient(torch.ones(1, 4, 6), 0.5, 16, False, 0.0, 1.0, 1024, "entropy", None, 1e-9)[0]
+        >>> options = 0.0, 1.0, 1024, "entropy", "distance", None, 1e-9, 0.0  # those of a `Measure`
+        >>> region_flip_gradient(torch.ones(1, 4, 6), 0.5, 16, False, *options)[0]
         tensor([0.])
     """
     on_cpu = probability.detach().cpu()
@@ -44,16 +47,26 @@ def region_flip_gradient(
             f"input must hold probabilities in [0, 1]; got values from {on_cpu.min():.4g} to {on_cpu.max():.4g}. "
             'Pass activation="sigmoid" or "softmax" for logits.'
         )
-    measure = Measure(low=low, high=high, bins=bins, estimator=estimator, rho=rho, tol=tol)  # type: ignore[arg-type]
+    measure = Measure(
+        low=low,
+        high=high,
+        bins=bins,
+        estimator=estimator,  # type: ignore[arg-type]
+        levels=levels,  # type: ignore[arg-type]
+        rho=rho,
+        tol=tol,
+        tol_bits=tol_bits,
+    )
     value, gradient = finite_difference_gradient(
         on_cpu, threshold=threshold, max_flips=max_flips, deformations=deformations, measure=measure
     )
-    return value.nan_to_num(nan=measure.largest).to(probability), gradient.to(probability)
+    return value.nan_to_num(nan=measure.largest).to(probability), gradient.to(probability).contiguous()
 
 
 @region_flip_gradient.register_fake
 def _(probability: Tensor, *options: object) -> tuple[Tensor, Tensor]:
-    return probability.new_empty(len(probability)), torch.empty_like(probability)
+    # Of the strides that the operator gives, which are not those of a permuted input.
+    return probability.new_empty(len(probability)), probability.new_empty(probability.shape)
 
 
 def finite_difference_gradient(

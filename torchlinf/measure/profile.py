@@ -1,10 +1,12 @@
 """Complexity against scale: the profile of shapes, and its exact mean over a window of scales."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Unpack
 
+import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from torchlinf._checks import as_mask, choice, real_dtype, window
@@ -46,7 +48,7 @@ class ComplexityProfile:
     measure: Measure
     seconds: Tensor
 
-    def levels(self) -> Any:
+    def levels(self) -> list[Any] | Tensor:
         """Values of the levels themselves, without a scale grid.
 
         Returns:
@@ -62,6 +64,51 @@ class ComplexityProfile:
         """
         parts = torch.split(self.level_values.to(self.values.dtype), self.radius.flatten().tolist())
         return _nest(parts, tuple(self.radius.shape))
+
+    def __getitem__(self, index: Any) -> "ComplexityProfile":
+        """The profile of some of the shapes, without another solve.
+
+        Args:
+            index: what a tensor of the leading shape may be indexed with: integers, slices, a bool or integer tensor.
+
+        Returns:
+            A `ComplexityProfile` whose leading shape is that of `radius[index]`; its tensors are copies.
+
+        Raises:
+            IndexError: the index does not go with the leading shape.
+
+        Example:
+            >>> import torchlinf
+            >>> masks = torch.stack([torchlinf.shapes.box(13, 13), torchlinf.shapes.disc(6)])
+            >>> profile = torchlinf.complexity_profile(masks, spatial_ndim=2)
+            >>> profile[1].mean(), profile[:1].radius
+            (tensor(0.8227, dtype=torch.float64), tensor([7]))
+        """
+        radius, lead = self.radius.flatten(), tuple(self.radius.shape)
+        numbers = torch.arange(len(radius), device=radius.device).reshape(lead)
+        try:
+            chosen = numbers[index]
+        except (IndexError, TypeError) as error:
+            raise IndexError(
+                f"index must select from the leading shape {lead}; got {index!r}. Pass integers or slices."
+            ) from error
+        shapes = chosen.flatten()
+        size = radius[shapes]
+        entry = torch.arange(int(size.sum()), device=radius.device)
+        entry += torch.repeat_interleave(first_level(radius)[shapes] - first_level(size), size)
+        measure = self.measure
+        if isinstance(measure.rho, Tensor):
+            measure = replace(measure, rho=measure.rho.broadcast_to(lead)[index])
+        return ComplexityProfile(
+            scales=self.scales,
+            values=self.values.reshape(-1, len(self.scales))[shapes].reshape(*chosen.shape, len(self.scales)),
+            radius=size.reshape(chosen.shape),
+            field_error_bound=self.field_error_bound.flatten()[shapes].reshape(chosen.shape),
+            level_values=self.level_values[entry],
+            level_error_bound=self.level_error_bound[entry],
+            measure=measure,
+            seconds=self.seconds.flatten()[shapes.cpu()].reshape(chosen.shape),
+        )
 
     def mean(self, low: float = 0.0, high: float = 1.0) -> Tensor:
         """Exact mean over the scales in (low, high], not a mean over a grid of samples.
@@ -154,7 +201,11 @@ class ComplexityProfile:
     def _numbered(self) -> tuple[Tensor, Tensor]:
         """For each entry of `level_values` its shape in the flattened batch, and its level k."""
         radius = self.radius.flatten()
-        shape = torch.repeat_interleave(radius)
+        # Not repeat_interleave, which starts OpenMP's threads at any size: a child process that is forked later, and
+        # calls it too, would wait for threads that it does not have.
+        ends = radius.cumsum(0)
+        passed = radius.new_zeros(int(radius.sum()) + 1).index_add(0, ends, torch.ones_like(ends))
+        shape = passed[:-1].cumsum(0)
         return shape, torch.arange(1, len(shape) + 1, device=radius.device) - first_level(radius)[shape]
 
     def _lead(self, flat: Tensor) -> Tensor:
@@ -165,7 +216,7 @@ class ComplexityProfile:
 def complexity_profile(
     mask: Tensor,
     *,
-    scales: Tensor | Sequence[float] | None = None,
+    scales: Tensor | ArrayLike | None = None,
     method: str = "auto",
     spatial_ndim: int | None = None,
     dtype: torch.dtype | None = None,
@@ -310,20 +361,21 @@ def profile_of_field(field: Tensor, distance: Tensor, field_error: Tensor, measu
     """
     radius, error = distance.max().reshape(1).long(), field_error.reshape(1)
     values, bounds = level_values(field[None], distance[None], radius, error, measure)
-    return profile_of_levels(Levels(values, bounds, radius, error, torch.zeros(1, dtype=torch.float64)), (), measure)
+    return profile_of_levels(
+        Levels(values, bounds, radius, error, torch.zeros(1, dtype=torch.float64, device="cpu")), (), measure
+    )
 
 
 def profile_of_levels(
     levels: Levels,
     lead: tuple[int, ...],
     measure: Measure,
-    grid: tuple[Tensor, float] | None = None,
+    grid: tuple[Tensor, Tensor] | None = None,
     dtype: torch.dtype | None = None,
 ) -> ComplexityProfile:
     """The profile of levels that are known; `grid` is what `scale_grid` gives, None its default."""
-    scales, slack = scale_grid(None) if grid is None else grid
     found = levels.values
-    scales = scales.to(found)
+    scales, slack = (x.to(found) for x in (scale_grid(None) if grid is None else grid))
     return ComplexityProfile(
         scales=scales.to(dtype or found.dtype),
         values=at_scales(found, levels.radius, scales - slack).reshape(*lead, len(scales)).to(dtype or found.dtype),
@@ -344,15 +396,20 @@ def at_scales(found: Tensor, radius: Tensor, scales: Tensor) -> Tensor:
     return torch.cat([found, found.new_full((1,), torch.nan)])[position]
 
 
-def scale_grid(scales: Tensor | Sequence[float] | None) -> tuple[Tensor, float]:
-    """The scales as (L,) float64, and how far rounding may have carried them above what was meant.
+def scale_grid(scales: Tensor | ArrayLike | None) -> tuple[Tensor, Tensor]:
+    """The scales as (L,) float64, and how far rounding may have carried each above what was meant.
 
     Without that slack 0.07 * 100, a little above 7 in floating point, would be level 8.
     """
     if scales is None:
-        scales = torch.arange(1, 101, dtype=torch.float64) / 100
+        scales = torch.arange(1, 101, dtype=torch.float64, device="cpu") / 100
     elif not isinstance(scales, Tensor):
-        scales = torch.tensor(scales, dtype=torch.float64)
+        array = np.asarray(scales)
+        if array.dtype.kind not in "biuf":
+            raise TypeError(f"scales must be real numbers; got {array.dtype}. Pass for example scales=[0.1, 0.5].")
+        # Scales that were rounded to fewer digits keep their dtype, which says by how much.
+        short = array.dtype.kind == "f" and array.dtype.itemsize < 8
+        scales = torch.from_numpy(array.astype(array.dtype.newbyteorder("=") if short else np.float64))
     if scales.is_complex():
         raise TypeError(f"scales must be real numbers; got {scales.dtype}. Pass scales.real.")
     if scales.ndim != 1 or len(scales) == 0:
@@ -363,8 +420,9 @@ def scale_grid(scales: Tensor | Sequence[float] | None) -> tuple[Tensor, float]:
         raise ValueError(
             f"scales must lie in (0, 1]; got {scales.tolist()}. Pass fractions of the radius, for example [0.1, 0.5]."
         )
-    slack = max(1e-9, torch.finfo(scales.dtype).eps) if scales.is_floating_point() else 1e-9
-    return scales.detach().double(), slack
+    eps = torch.finfo(scales.dtype).eps if scales.is_floating_point() else 0.0
+    scales = scales.detach().double()
+    return scales, (scales * (0.51 * eps)).clamp(min=1e-9)
 
 
 def length_within(level: Tensor, radius: Tensor, low: float, high: float) -> Tensor:
@@ -386,7 +444,7 @@ def length_within(level: Tensor, radius: Tensor, low: float, high: float) -> Ten
     return ((level / radius).clamp(max=high) - ((level - 1) / radius).clamp(min=low)).clamp(min=0.0)
 
 
-def _nest(parts: Sequence[Tensor], lead: tuple[int, ...]) -> Any:
+def _nest(parts: Sequence[Tensor], lead: tuple[int, ...]) -> list[Any] | Tensor:
     if not lead:
         return parts[0]
     step = len(parts) // max(lead[0], 1)

@@ -30,7 +30,7 @@ def require_comparable(profiles: Iterable[tuple[str | int, ComplexityProfile]]) 
         if profile.radius.numel() != 1:
             raise ValueError(
                 f"profiles must be of one shape each; got {profile.radius.numel()} for {name!r}. "
-                "Pass one mask at a time."
+                "Pass profile[0] for the first."
             )
         if not profile.radius.all():
             raise ValueError(

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
+from typing import Any
 
+import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from torchlinf._checks import MAX_SPATIAL_NDIM, count
+from torchlinf._checks import MAX_SPATIAL_NDIM, count, not_negative
 
 FLAT = 1e-6  # height of a triangle as a share of its longest side below which it spans no plane: rounding in float32
 
@@ -108,7 +109,7 @@ class Grid:
     @classmethod
     def around(cls, plane: Plane, resolution: int, relative_margin: float) -> "Grid":
         """A square grid around the three points of a plane, so that a step is of the same length along both axes."""
-        relative_margin = _not_negative(relative_margin, "relative_margin", "0.25")
+        relative_margin = not_negative(relative_margin, "relative_margin")
         low, high = plane.corners.amin(dim=0), plane.corners.amax(dim=0)
         reach = (high[0] - low[0]) * (0.5 + relative_margin)
         ends = [(float(centre - reach), float(centre + reach)) for centre in (low + high) / 2]
@@ -121,7 +122,7 @@ class Grid:
 
     def points(self, start: int, stop: int) -> Tensor:
         """The points of these numbers, counted with the last axis running fastest, (stop - start, *features)."""
-        place = torch.unravel_index(torch.arange(start, stop), self.shape)
+        place = torch.unravel_index(torch.arange(start, stop, device="cpu"), self.shape)
         coordinates = torch.stack([axis[index] for axis, index in zip(self.axes, place, strict=True)], dim=1)
         return coordinates if self.plane is None else self.plane.points(coordinates)
 
@@ -152,17 +153,13 @@ def bounds_around(X: Tensor | ArrayLike, *, eps: float = 1.0) -> list[tuple[floa
             f"X must be (samples, features) with 1 sample or more and 1 to {MAX_SPATIAL_NDIM} features; got "
             f"{tuple(given.shape)}. Choose features, or use decision_plane for more."
         )
-    eps = _not_negative(eps, "eps", "1.0")
+    eps = not_negative(eps, "eps")
     return list(zip((given.amin(dim=0) - eps).tolist(), (given.amax(dim=0) + eps).tolist(), strict=True))
 
 
 def as_points(points: Tensor | ArrayLike, name: str) -> Tensor:
     """Data points as float64 (N, *features) on the CPU, finite."""
-    try:
-        given = torch.as_tensor(points).detach().cpu()
-    except (TypeError, ValueError, RuntimeError) as error:
-        got = type(points).__name__
-        raise TypeError(f"{name} must be an array of numbers; got {got}. Pass a tensor (N, *features).") from error
+    given = points.detach().cpu() if isinstance(points, Tensor) else _from_array(points, name)
     if given.is_complex():
         raise TypeError(f"{name} must be real; got {given.dtype}. Pass {name}.real.")
     if given.ndim < 2:
@@ -170,6 +167,23 @@ def as_points(points: Tensor | ArrayLike, name: str) -> Tensor:
     if not bool(given.isfinite().all()):
         raise ValueError(f"{name} must be finite; got NaN or infinity. Leave such points out.")
     return given.double()
+
+
+def _from_array(points: Any, name: str) -> Tensor:
+    """A tensor of anything that NumPy makes an array of, tables of pandas and read-only arrays among them."""
+    if np.ma.isMaskedArray(points) and np.ma.getmaskarray(points).any():
+        raise ValueError(f"{name} must have no masked entries; got some. Leave such points out, or pass {name}.data.")
+    try:
+        array = np.asarray(points)
+        if array.dtype.kind == "O":  # as of a table whose columns are of several types
+            array = array.astype(np.float64)
+    except (TypeError, ValueError, RuntimeError):
+        array = np.empty(0, dtype=str)
+    if array.dtype.kind not in "biufc":
+        got = type(points).__name__
+        raise TypeError(f"{name} must be an array of numbers; got {got}. Pass a tensor (N, *features).")
+    # The copy may be written to, and is in this machine's byte order.
+    return torch.from_numpy(array.astype(np.complex128 if array.dtype.kind == "c" else np.float64))
 
 
 def spans_plane(points: Tensor) -> bool:
@@ -215,15 +229,7 @@ def _check_bounds(bounds: Bounds) -> list[tuple[float, float]]:
     return [(low, high) for low, high in ends]
 
 
-def _not_negative(value: float, name: str, example: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a finite number of 0 or more; got {value!r}. Pass for example {example}.")
-    if not 0 <= value < math.inf:
-        raise ValueError(f"{name} must be a finite number of 0 or more; got {value!r}. Pass for example {example}.")
-    return float(value)
-
-
 def _axis(low: float, high: float, resolution: int) -> Tensor:
     if count(resolution, "resolution") < 2:
         raise ValueError(f"resolution must be 2 or more; got {resolution}. Pass for example 128.")
-    return torch.linspace(low, high, resolution, dtype=torch.float64)
+    return torch.linspace(low, high, resolution, dtype=torch.float64, device="cpu")

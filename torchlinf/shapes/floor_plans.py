@@ -92,7 +92,8 @@ def rooms(
         if integer(length, name, 0) > side:
             raise ValueError(f"{name} must fit into a room of side {side}; got {length}. Pass {side} or less.")
     numbers = count(rows, "rows"), count(columns, "columns")
-    row, column = (torch.arange(n * (side + wall) - wall) % (side + wall) for n in numbers)  # counted in each room
+    sides = (n * (side + wall) - wall for n in numbers)
+    row, column = (torch.arange(size, device="cpu") % (side + wall) for size in sides)  # counted in each room
     row = row[:, None]
     plan = (row < side) & (column < side)
     plan |= _middle(row, side, aperture) & (column >= side)

@@ -104,15 +104,15 @@ def random_patches(factor: int, count: int, seed: int) -> list[Patch]:
     [5, 3, 1, 4]
     """
     factor, count = _checks.count(factor, "factor"), _checks.count(count, "count")
-    generator = torch.Generator().manual_seed(_checks.integer(seed, "seed", 0))
+    generator = torch.Generator("cpu").manual_seed(_checks.integer(seed, "seed", 0))
 
     def normal(size: int) -> NDArray[np.int64]:
-        drawn = torch.randn(size, generator=generator, dtype=torch.float64)
+        drawn = torch.randn(size, generator=generator, dtype=torch.float64, device="cpu")
         return (factor + factor / 3 * drawn).round().long().numpy()
 
     widths = normal(count).clip(min=0)
     lengths = np.split(normal(2 * int(widths.sum())), 2 * widths.cumsum()[:-1])
-    places = torch.rand(count, generator=generator, dtype=torch.float64).tolist()
+    places = torch.rand(count, generator=generator, dtype=torch.float64, device="cpu").tolist()
     return [Patch(place, each.reshape(2, -1)) for place, each in zip(places, lengths, strict=True)]
 
 
