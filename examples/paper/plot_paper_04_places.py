@@ -61,8 +61,8 @@ plt.show()
 
 # %%
 # What the two kinds of levels are, at a corner that points inwards. The *level* at distance 4 is every pixel whose
-# distance is 4. Its *rim* is those of them that touch a pixel of smaller distance through a face. At the joint the level
-# has a pixel more, which touches smaller distances at a corner only.
+# distance is 4. Its *rim* is those of them that touch a pixel of smaller distance through a face. At the joint the
+# level has a pixel more, which touches smaller distances at a corner only.
 
 body = with_appendages((128, 128), [Appendage("right", WIDTH, DEPTH)])
 distance = torchlinf.chessboard_distance(body, spatial_ndim=2).numpy()
