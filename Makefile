@@ -76,7 +76,7 @@ dist-check: dist
 	$(PYTHON) -m venv --clear $(CLEAN)
 	$(CLEAN)/bin/python $(PIP) -c constraints.txt dist/*.whl
 	cd tools && ../$(CLEAN)/bin/python run_readme.py core
-	$(CLEAN)/bin/python $(PIP) -c constraints.txt "$$(echo dist/*.whl)[cli,plot,metrics]"
+	$(CLEAN)/bin/python $(PIP) -c constraints.txt "$$(echo dist/*.whl)[cli,plot,metrics,report]"
 	cd tools && ../$(CLEAN)/bin/python run_readme.py all
 	cd tests/downstream && ../../$(CLEAN)/bin/python user.py
 	cd tests/downstream && ../../$(BIN)/mypy --strict --python-executable ../../$(CLEAN)/bin/python \

@@ -1,6 +1,7 @@
 """Decision regions: what is measured is what the core measures on masks made by hand, in either boundary condition."""
 
 import copy
+import warnings
 from collections.abc import Callable
 from itertools import product
 from typing import Any
@@ -9,16 +10,22 @@ import numpy as np
 import pytest
 import torch
 from sklearn.datasets import make_moons
-from sklearn.linear_model import LogisticRegression
+from sklearn.ensemble import IsolationForest
+from sklearn.linear_model import LogisticRegression, Ridge, RidgeClassifier
+from sklearn.model_selection import FixedThresholdClassifier, GridSearchCV
+from sklearn.multiclass import OneVsRestClassifier
+from sklearn.multioutput import MultiOutputClassifier
 from sklearn.neighbors import KNeighborsClassifier
-from sklearn.svm import SVC
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.svm import SVC, OneClassSVM
 from sklearn.tree import DecisionTreeClassifier
 from torch import Tensor, nn
 
 import torchlinf
 from tests.problems import Pixel, catalogue, random_mask
 from torchlinf import Measure, regions
-from torchlinf.regions import decision_plane, decision_plane_complexity, decision_region_complexity
+from torchlinf.regions import bounds_around, decision_plane, decision_plane_complexity, decision_region_complexity
 from torchlinf.regions.open_boundary import open_profile
 
 BOUNDS = [(-2.0, 2.5), (-1.0, 1.5)]
@@ -198,10 +205,117 @@ def test_estimators_without_scores_and_with_thresholds() -> None:
     found = decision_region_complexity(near, BOUNDS, resolution=9, threshold=0.6)
     np.testing.assert_array_equal(found.masks.flatten(1), near.predict_proba(points).T > 0.6)
     assert found.area.sum() < 1
-    one_to_one = SVC(decision_function_shape="ovo").fit(X, (X[:, 0] // 0.8).astype(int))
-    assert len(one_to_one.classes_) > 3
-    with pytest.raises(ValueError, match='Pass response_method="predict"'):
-        decision_region_complexity(one_to_one, BOUNDS, resolution=9)
+
+
+def grid_points(resolution: int) -> np.ndarray:
+    return np.stack(np.meshgrid(*(np.linspace(*b, resolution) for b in BOUNDS), indexing="ij"), -1).reshape(-1, 2)
+
+
+@pytest.mark.parametrize("classes", [3, 4])
+def test_what_is_measured_is_what_an_estimator_predicts(classes: int) -> None:
+    labels = np.digitize(X[:, 0], np.quantile(X[:, 0], np.arange(1, classes) / classes))
+    pairs = SVC(decision_function_shape="ovo").fit(X, labels)
+    tuned = FixedThresholdClassifier(LogisticRegression(), threshold=0.9).fit(X, Y)
+    for estimator in (pairs, make_pipeline(StandardScaler(), pairs).fit(X, labels), SVC().fit(X, labels), tuned):
+        found = decision_region_complexity(estimator, BOUNDS, resolution=31)
+        predicted = estimator.predict(grid_points(31))
+        np.testing.assert_array_equal(found.masks.flatten(1), predicted == np.array(found.classes)[:, None])
+    for estimator in (pairs, make_pipeline(StandardScaler(), pairs), GridSearchCV(pairs, {"C": [1.0]}, cv=2)):
+        estimator.fit(X, labels)
+        for options in ({"response_method": "decision_function"}, {"threshold": 0.0}):
+            with pytest.raises(
+                ValueError, match=r'"ovo", which scores pairs of classes\. Pass response_method="predict"'
+            ):
+                decision_region_complexity(estimator, BOUNDS, resolution=9, **options)
+
+
+def test_classes_of_an_estimator_can_be_renamed() -> None:
+    estimator = LogisticRegression().fit(X, Y)
+    for method in ("auto", "predict", "decision_function"):
+        found = decision_region_complexity(estimator, BOUNDS, resolution=9, classes=["a", "b"], response_method=method)
+        assert found.classes == ("a", "b")
+        np.testing.assert_array_equal(found.masks[1].flatten(), estimator.predict(grid_points(9)))
+    with pytest.raises(ValueError, match=r"classes must name the 2 classes of the classifier, \[0, 1\]"):
+        decision_region_complexity(estimator, BOUNDS, resolution=9, classes=["a", "b", "c"])
+
+
+def test_one_class_estimators() -> None:
+    for estimator in (OneClassSVM(nu=0.3), IsolationForest(n_estimators=9, contamination=0.2, random_state=0)):
+        found = decision_region_complexity(estimator.fit(X), BOUNDS, resolution=9)
+        assert found.classes == (-1, 1)
+        np.testing.assert_array_equal(found.masks[1].flatten(), estimator.predict(grid_points(9)) == 1)
+
+
+SEVERAL = np.stack([Y, X[:, 0] > 0.5], axis=1).astype(int)
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        DecisionTreeClassifier(),
+        KNeighborsClassifier(),
+        MultiOutputClassifier(LogisticRegression()),
+        OneVsRestClassifier(LogisticRegression()),
+        RidgeClassifier(),
+        Ridge(),
+        make_pipeline(StandardScaler(), DecisionTreeClassifier()),
+    ],
+)
+@pytest.mark.parametrize("options", [{}, {"response_method": "predict"}, {"threshold": 0.5}])
+def test_several_answers_a_point_are_refused(estimator: Any, options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r"classifier must predict one class for each point; got \w+, which predicts"):
+        decision_region_complexity(estimator.fit(X, SEVERAL), BOUNDS, resolution=9, **options)
+
+
+def test_labels_of_several_classes_are_no_scores() -> None:
+    def both(points: Tensor) -> Tensor:
+        return points > 0
+
+    with pytest.raises(ValueError, match=r"one class; got a row with 0 of 2 labels. Pass threshold=0\.5"):
+        decision_region_complexity(both, BOUNDS, resolution=9)
+    found = decision_region_complexity(both, BOUNDS, resolution=9, threshold=0.5)
+    np.testing.assert_array_equal(found.masks.flatten(1), (grid_points(9) > 0).T)
+    one_hot = decision_region_complexity(lambda p: torch.stack([p[:, 0] > 0, p[:, 0] <= 0], 1), BOUNDS, resolution=9)
+    assert one_hot.area.sum() == 1
+
+
+def test_estimators_fitted_on_tables_get_tables() -> None:
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame(X, columns=["width", "height"], index=range(100, 160))
+    seen = []
+
+    class Watching(LogisticRegression):
+        def predict(self, points: Any) -> np.ndarray:
+            seen.append(points)
+            return super().predict(points)
+
+    estimator = Watching().fit(table, pandas.Series(Y))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = decision_region_complexity(estimator, bounds_around(table), resolution=9)
+        planes = decision_plane_complexity(estimator, table, num_planes=2, resolution=9)
+    assert all(list(points.columns) == ["width", "height"] for points in seen)
+    plain = LogisticRegression().fit(X, Y)
+    assert torch.equal(found.masks, decision_region_complexity(plain, bounds_around(X), resolution=9).masks)
+    assert torch.equal(planes.values, decision_plane_complexity(plain, X, num_planes=2, resolution=9).values)
+
+
+def test_points_of_any_kind() -> None:
+    frozen = X.copy()
+    frozen.flags.writeable = False
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for points in (frozen, X.astype(">f8"), X.tolist(), np.ma.masked_array(X)):
+            assert bounds_around(points) == bounds_around(torch.from_numpy(X))
+    with pytest.raises(ValueError, match="X must have no masked entries"):
+        bounds_around(np.ma.masked_array(X, mask=X > 2))
+    with pytest.raises(TypeError, match="X must be an array of numbers"):
+        bounds_around(np.array([["a", "b"]]))
+
+
+def test_a_threshold_that_is_no_number() -> None:
+    with pytest.raises(ValueError, match="threshold must be a number or None; got NaN"):
+        decision_region_complexity(lambda p: p[:, 0], BOUNDS, resolution=9, threshold=float("nan"))
 
 
 def test_modules_are_asked_in_evaluation_mode_and_left_as_they_were() -> None:
@@ -280,7 +394,7 @@ def test_estimators_that_answer_nan(method: str) -> None:
 
 @pytest.mark.parametrize("boundary", ["background", "open"])
 def test_options_of_the_measure_reach_the_core(boundary: str) -> None:
-    options = {"bins": 16, "estimator": "std", "rho": 3.0, "tol": 1e-7}
+    options = {"bins": 16, "estimator": "std", "levels": "rim", "rho": 3.0, "tol": 1e-7, "tol_bits": 0.1}
     found = decision_region_complexity(stripes, BOUNDS, resolution=(31, 22), boundary=boundary, **options)
     assert found.profile.measure == Measure(**options)
     assert (found.profile.seconds > 0).all()

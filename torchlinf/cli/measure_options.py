@@ -115,6 +115,6 @@ def _measure(options: dict[str, Any], windows: Mapping[str, tuple[float, float]]
     from torchlinf.scoring import score_measure
 
     try:
-        return score_measure(options, windows)
+        return score_measure(options, windows=windows)
     except (TypeError, ValueError) as error:
         raise typer.BadParameter(str(error)) from None

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from torchlinf._boxes import bounding_box
 from torchlinf._parallel import for_each
+from torchlinf.field.once import differentiable_once
 from torchlinf.field.stencil import block_max, block_min
 from torchlinf.kernels import usable
 
@@ -44,7 +44,7 @@ def attach_gradient(value: Tensor, weight: Tensor, bound: Tensor, everywhere: bo
             passes with the stencil.
 
     Returns:
-        f. Its backward raises RuntimeError where the linear solve fails, and has no derivative itself.
+        f. Its backward raises RuntimeError where the linear solve fails, and so does that of a second derivative.
 
     >>> weight = torch.full((1, 1), 0.25, dtype=torch.float64, requires_grad=True)
     >>> field = attach_gradient(weight.detach() / (1 - weight.detach()), weight, torch.zeros(1))  # f = w (f + 0 + 1)
@@ -66,14 +66,16 @@ class _Implicit(torch.autograd.Function):
         ctx.save_for_backward(weight, output, bound)
 
     @staticmethod
-    @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None, None]:
         weight, value, bound = ctx.saved_tensors
-        mu = influence(value, weight, bound, gradient)
-        if not ctx.everywhere:
-            return torch.where(weight > 0, value / weight, 0).mul_(mu), None, None, None
-        ndim = value.ndim - 1
-        return (block_max(value, ndim) + block_min(value, ndim) + 1) * mu, None, None, None
+        with torch.no_grad():
+            mu = influence(value, weight, bound, gradient)
+            if ctx.everywhere:
+                ndim = value.ndim - 1
+                slope = (block_max(value, ndim) + block_min(value, ndim) + 1) * mu
+            else:
+                slope = torch.where(weight > 0, value / weight, 0).mul_(mu)
+        return differentiable_once(slope, weight, gradient), None, None, None
 
     @staticmethod
     def vmap(*args: object) -> None:

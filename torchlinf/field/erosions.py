@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from torchlinf._boxes import bounding_box
 from torchlinf._parallel import for_each
+from torchlinf.field.once import differentiable_once
 from torchlinf.kernels import usable
 
 
@@ -36,9 +36,11 @@ class _Erosions(torch.autograd.Function):
         ctx.save_for_backward(inputs[0])
 
     @staticmethod
-    @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> Tensor:
-        return pull_back(ctx.saved_tensors[0], gradient)
+        (occupancy,) = ctx.saved_tensors
+        with torch.no_grad():
+            slope = pull_back(occupancy, gradient)
+        return differentiable_once(slope, occupancy, gradient)
 
 
 def sum_of_erosions(occupancy: Tensor) -> Tensor:

@@ -47,16 +47,26 @@ def region_flip_gradient(
             f"input must hold probabilities in [0, 1]; got values from {on_cpu.min():.4g} to {on_cpu.max():.4g}. "
             'Pass activation="sigmoid" or "softmax" for logits.'
         )
-    measure = Measure(low, high, None, bins, estimator, levels, rho, tol, tol_bits)  # type: ignore[arg-type]
+    measure = Measure(
+        low=low,
+        high=high,
+        bins=bins,
+        estimator=estimator,  # type: ignore[arg-type]
+        levels=levels,  # type: ignore[arg-type]
+        rho=rho,
+        tol=tol,
+        tol_bits=tol_bits,
+    )
     value, gradient = finite_difference_gradient(
         on_cpu, threshold=threshold, max_flips=max_flips, deformations=deformations, measure=measure
     )
-    return value.nan_to_num(nan=measure.largest).to(probability), gradient.to(probability)
+    return value.nan_to_num(nan=measure.largest).to(probability), gradient.to(probability).contiguous()
 
 
 @region_flip_gradient.register_fake
 def _(probability: Tensor, *options: object) -> tuple[Tensor, Tensor]:
-    return probability.new_empty(len(probability)), torch.empty_like(probability)
+    # Of the strides that the operator gives, which are not those of a permuted input.
+    return probability.new_empty(len(probability)), probability.new_empty(probability.shape)
 
 
 def finite_difference_gradient(

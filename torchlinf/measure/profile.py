@@ -4,7 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Unpack
 
+import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from torchlinf._checks import as_mask, choice, real_dtype, window
@@ -199,7 +201,11 @@ class ComplexityProfile:
     def _numbered(self) -> tuple[Tensor, Tensor]:
         """For each entry of `level_values` its shape in the flattened batch, and its level k."""
         radius = self.radius.flatten()
-        shape = torch.repeat_interleave(radius)
+        # Not repeat_interleave, which starts OpenMP's threads at any size: a child process that is forked later, and
+        # calls it too, would wait for threads that it does not have.
+        ends = radius.cumsum(0)
+        passed = radius.new_zeros(int(radius.sum()) + 1).index_add(0, ends, torch.ones_like(ends))
+        shape = passed[:-1].cumsum(0)
         return shape, torch.arange(1, len(shape) + 1, device=radius.device) - first_level(radius)[shape]
 
     def _lead(self, flat: Tensor) -> Tensor:
@@ -210,7 +216,7 @@ class ComplexityProfile:
 def complexity_profile(
     mask: Tensor,
     *,
-    scales: Tensor | Sequence[float] | None = None,
+    scales: Tensor | ArrayLike | None = None,
     method: str = "auto",
     spatial_ndim: int | None = None,
     dtype: torch.dtype | None = None,
@@ -364,13 +370,12 @@ def profile_of_levels(
     levels: Levels,
     lead: tuple[int, ...],
     measure: Measure,
-    grid: tuple[Tensor, float] | None = None,
+    grid: tuple[Tensor, Tensor] | None = None,
     dtype: torch.dtype | None = None,
 ) -> ComplexityProfile:
     """The profile of levels that are known; `grid` is what `scale_grid` gives, None its default."""
-    scales, slack = scale_grid(None) if grid is None else grid
     found = levels.values
-    scales = scales.to(found)
+    scales, slack = (x.to(found) for x in (scale_grid(None) if grid is None else grid))
     return ComplexityProfile(
         scales=scales.to(dtype or found.dtype),
         values=at_scales(found, levels.radius, scales - slack).reshape(*lead, len(scales)).to(dtype or found.dtype),
@@ -391,15 +396,20 @@ def at_scales(found: Tensor, radius: Tensor, scales: Tensor) -> Tensor:
     return torch.cat([found, found.new_full((1,), torch.nan)])[position]
 
 
-def scale_grid(scales: Tensor | Sequence[float] | None) -> tuple[Tensor, float]:
-    """The scales as (L,) float64, and how far rounding may have carried them above what was meant.
+def scale_grid(scales: Tensor | ArrayLike | None) -> tuple[Tensor, Tensor]:
+    """The scales as (L,) float64, and how far rounding may have carried each above what was meant.
 
     Without that slack 0.07 * 100, a little above 7 in floating point, would be level 8.
     """
     if scales is None:
         scales = torch.arange(1, 101, dtype=torch.float64, device="cpu") / 100
     elif not isinstance(scales, Tensor):
-        scales = torch.tensor(scales, dtype=torch.float64, device="cpu")
+        array = np.asarray(scales)
+        if array.dtype.kind not in "biuf":
+            raise TypeError(f"scales must be real numbers; got {array.dtype}. Pass for example scales=[0.1, 0.5].")
+        # Scales that were rounded to fewer digits keep their dtype, which says by how much.
+        short = array.dtype.kind == "f" and array.dtype.itemsize < 8
+        scales = torch.from_numpy(array.astype(array.dtype.newbyteorder("=") if short else np.float64))
     if scales.is_complex():
         raise TypeError(f"scales must be real numbers; got {scales.dtype}. Pass scales.real.")
     if scales.ndim != 1 or len(scales) == 0:
@@ -410,8 +420,9 @@ def scale_grid(scales: Tensor | Sequence[float] | None) -> tuple[Tensor, float]:
         raise ValueError(
             f"scales must lie in (0, 1]; got {scales.tolist()}. Pass fractions of the radius, for example [0.1, 0.5]."
         )
-    slack = max(1e-9, torch.finfo(scales.dtype).eps) if scales.is_floating_point() else 1e-9
-    return scales.detach().double(), slack
+    eps = torch.finfo(scales.dtype).eps if scales.is_floating_point() else 0.0
+    scales = scales.detach().double()
+    return scales, (scales * (0.51 * eps)).clamp(min=1e-9)
 
 
 def length_within(level: Tensor, radius: Tensor, low: float, high: float) -> Tensor:

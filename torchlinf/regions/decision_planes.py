@@ -79,8 +79,8 @@ def decision_plane(
             more.
         boundary: the boundary condition at the edge of the grid. "background": beyond the grid is no class. "open": the
             edge is no boundary; it takes several times as long.
-        response_method: of an estimator: "predict", "predict_proba", "decision_function", or "auto", the last of these
-            that it has.
+        response_method: of an estimator: "auto", what it predicts, or "predict", "predict_proba" or
+            "decision_function"; as `decision_region_complexity` takes it.
         threshold: None takes the class of the largest response; with a number each class is where its response is
             greater. One response a point needs it, unless it is a `decision_function`, which has 0.
         classes: names of the classes in the order of the responses, or all labels that may be answered; None takes
@@ -150,8 +150,8 @@ def decision_plane_complexity(
             two classifiers by the differences of their `values`.
         boundary: the boundary condition at the edge of each grid. "background": beyond the grid is no class. "open":
             the edge is no boundary; it takes several times as long.
-        response_method: of an estimator: "predict", "predict_proba", "decision_function", or "auto", the last of these
-            that it has.
+        response_method: of an estimator: "auto", what it predicts, or "predict", "predict_proba" or
+            "decision_function"; as `decision_region_complexity` takes it.
         threshold: None takes the class of the largest response; with a number each class is where its response is
             greater. One response a point needs it, unless it is a `decision_function`, which has 0.
         classes: names of the classes in the order of the responses, or all labels that may be answered; None takes

@@ -13,6 +13,7 @@ from torchlinf.regions.open_boundary import open_profile
 from torchlinf.regions.responses import ResponseOptions, class_masks
 
 Boundary = Literal["background", "open"]
+LEVEL_OPTIONS = LevelOptions.__optional_keys__
 BOUNDARIES = ("background", "open")
 
 
@@ -145,7 +146,8 @@ def decision_region_complexity(
 
             - a `torch.nn.Module` from (P, features) in its own dtype and device to (P, classes) logits or
               probabilities, or (P,) or (P, 1) of class 1; it is put in evaluation mode for the call;
-            - a scikit-learn estimator, or an object with its methods; it gets float64 NumPy arrays;
+            - a scikit-learn estimator, or an object with its methods, that predicts one class a point (one-class
+              estimators: 1 and -1); it gets float64 NumPy arrays, or a pandas table if it was fitted on named columns;
             - a callable from tensors of torch's default dtype to a tensor or array like those of a module, or to
               integer or string labels (P,).
         bounds: (low, high) for each feature; `bounds_around(X)` makes them from data.
@@ -154,8 +156,9 @@ def decision_region_complexity(
             is a part of the boundary of every region that touches it. "open": the edge is no boundary. Distances count
             to points of other classes on the grid only, and neighbourhoods end at the edge, as if the grid were
             mirrored there. It takes several times as long.
-        response_method: of an estimator, as in scikit-learn's `DecisionBoundaryDisplay`: "predict",
-            "predict_proba", "decision_function", or "auto", the last of these that it has.
+        response_method: of an estimator: "auto", what it predicts; or, with a `threshold`, the first of
+            `decision_function`, `predict_proba` and `predict` that it has. Or one of these by name: then the class is
+            that of the largest score, which need not be the one that is predicted.
         threshold: None takes the class of the largest response, the first of those that tie. With a number each class
             is where its response is greater, so that regions may overlap or leave gaps. With one response a point, it
             parts class 1 from class 0, and is needed unless it is a `decision_function`, which has 0.

@@ -3,7 +3,9 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
@@ -157,11 +159,7 @@ def bounds_around(X: Tensor | ArrayLike, *, eps: float = 1.0) -> list[tuple[floa
 
 def as_points(points: Tensor | ArrayLike, name: str) -> Tensor:
     """Data points as float64 (N, *features) on the CPU, finite."""
-    try:
-        given = (points if isinstance(points, Tensor) else torch.as_tensor(points, device="cpu")).detach().cpu()
-    except (TypeError, ValueError, RuntimeError) as error:
-        got = type(points).__name__
-        raise TypeError(f"{name} must be an array of numbers; got {got}. Pass a tensor (N, *features).") from error
+    given = points.detach().cpu() if isinstance(points, Tensor) else _from_array(points, name)
     if given.is_complex():
         raise TypeError(f"{name} must be real; got {given.dtype}. Pass {name}.real.")
     if given.ndim < 2:
@@ -169,6 +167,23 @@ def as_points(points: Tensor | ArrayLike, name: str) -> Tensor:
     if not bool(given.isfinite().all()):
         raise ValueError(f"{name} must be finite; got NaN or infinity. Leave such points out.")
     return given.double()
+
+
+def _from_array(points: Any, name: str) -> Tensor:
+    """A tensor of anything that NumPy makes an array of, tables of pandas and read-only arrays among them."""
+    if np.ma.isMaskedArray(points) and np.ma.getmaskarray(points).any():
+        raise ValueError(f"{name} must have no masked entries; got some. Leave such points out, or pass {name}.data.")
+    try:
+        array = np.asarray(points)
+        if array.dtype.kind == "O":  # as of a table whose columns are of several types
+            array = array.astype(np.float64)
+    except (TypeError, ValueError, RuntimeError):
+        array = np.empty(0, dtype=str)
+    if array.dtype.kind not in "biufc":
+        got = type(points).__name__
+        raise TypeError(f"{name} must be an array of numbers; got {got}. Pass a tensor (N, *features).")
+    # The copy may be written to, and is in this machine's byte order.
+    return torch.from_numpy(array.astype(np.complex128 if array.dtype.kind == "c" else np.float64))
 
 
 def spans_plane(points: Tensor) -> bool:

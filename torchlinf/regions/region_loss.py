@@ -47,7 +47,7 @@ class DecisionRegionLoss(nn.Module):
             another shape, or not finite.
         RuntimeError: a field could not be solved to `tol`.
 
-    Source: docs/regions and docs/regulariser.
+    Source: docs/regions and docs/training.
 
     Example:
         >>> _ = torch.manual_seed(0)

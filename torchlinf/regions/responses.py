@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any, TypedDict
 
 import numpy as np
@@ -14,7 +15,8 @@ from torch import Tensor, nn
 from torchlinf._checks import choice, count, number_or_none
 from torchlinf.regions.grids import Grid
 
-RESPONSES = ("auto", "decision_function", "predict_proba", "predict")  # in the order in which "auto" looks for them
+RESPONSES = ("auto", "predict", "decision_function", "predict_proba")
+SCORES = ("decision_function", "predict_proba", "predict")  # in the order in which "auto" looks for them, to threshold
 CHUNK_POINTS = 1 << 14  # points asked for at a time, unless they have very many features:
 CHUNK_NUMBERS = 1 << 22  # features of all points of a chunk, 32 MiB
 
@@ -63,8 +65,12 @@ def class_masks(
                 [False, False, False,  True,  True]]), (0, 1))
     """
     threshold = number_or_none(threshold, "threshold")
-    responder = _responder(classifier, response_method)
+    responder = _responder(classifier, response_method, threshold)
     names = responder.classes if classes is None else _names(classes)
+    renamed = None
+    if responder.labels and not set(responder.classes or ()) <= set(names or ()):
+        # Names in the order of the classes of the estimator, which answers in its own words.
+        names, renamed = responder.classes, _as_many(names or (), responder.classes or ())
     with _evaluating(classifier):
         parts = [
             _reduce(response, names, threshold, responder) for response in _in_chunks(responder.ask, grid, chunk_size)
@@ -74,6 +80,7 @@ def class_masks(
         masks, names = _split(answers, names)
     else:
         masks, names = answers.T, names or tuple(range(answers.shape[1]))
+    names = names if renamed is None else renamed
     return torch.from_numpy(np.ascontiguousarray(masks)).reshape(len(names), *grid.shape), names
 
 
@@ -87,10 +94,19 @@ def _names(classes: Sequence[Any]) -> tuple[Any, ...]:
     return names
 
 
-def _responder(classifier: Any, response_method: str) -> Responder:
+def _as_many(names: tuple[Any, ...], known: tuple[Any, ...]) -> tuple[Any, ...]:
+    if len(names) != len(known):
+        raise ValueError(
+            f"classes must name the {len(known)} classes of the classifier, {list(known)}; got {list(names)}. "
+            "Pass as many names, in that order."
+        )
+    return names
+
+
+def _responder(classifier: Any, response_method: str, threshold: float | None) -> Responder:
     choice(response_method, RESPONSES, "response_method")
     if not isinstance(classifier, nn.Module) and hasattr(classifier, "predict"):
-        return _of_estimator(classifier, response_method)
+        return _of_estimator(classifier, response_method, threshold)
     if response_method != "auto":
         raise ValueError(
             "response_method chooses among the methods of a scikit-learn estimator; got "
@@ -107,8 +123,10 @@ def _responder(classifier: Any, response_method: str) -> Responder:
     return Responder(lambda points: classifier(points.to(torch.get_default_dtype())))
 
 
-def _of_estimator(estimator: Any, response_method: str) -> Responder:
-    methods = RESPONSES[1:] if response_method == "auto" else (response_method,)
+def _of_estimator(estimator: Any, response_method: str, threshold: float | None) -> Responder:
+    # Scores need not lead to what the estimator predicts: SVC may score pairs of classes, and thresholds may be tuned.
+    auto = ("predict",) if threshold is None else SCORES
+    methods = auto if response_method == "auto" else (response_method,)
     name = next((method for method in methods if hasattr(estimator, method)), None)
     if name is None:
         raise ValueError(
@@ -116,15 +134,64 @@ def _of_estimator(estimator: Any, response_method: str) -> Responder:
             f'{type(estimator).__name__} has not. Pass response_method="auto".'
         )
     known = getattr(estimator, "classes_", None)
-    # A list of arrays, as of several outputs, is refused later, by the shape of the response.
-    classes = None if known is None or isinstance(known, list) else tuple(known.tolist())
+    if isinstance(known, list) or getattr(estimator, "multilabel_", False) is True:
+        raise _several_answers(estimator)
+    if name == "decision_function" and known is not None and len(known) > 2 and _scores_pairs(estimator):
+        raise ValueError(
+            'response_method="decision_function" needs one score for each class; got an estimator with '
+            'decision_function_shape="ovo", which scores pairs of classes. Pass response_method="predict".'
+        )
+    classes = None if known is None else tuple(np.asarray(known).tolist())
     method = getattr(estimator, name)
+
+    def ask(points: Tensor) -> Any:
+        inputs = _inputs(estimator, points)
+        labels = np.asarray(estimator.predict(inputs[:1]))
+        # A scikit-learn estimator has get_params. Other objects may call the method that gives scores `predict`.
+        if (
+            labels.ndim > 1
+            and math.prod(labels.shape[1:]) > 1
+            and (labels.dtype.kind != "f" or hasattr(estimator, "get_params"))
+        ):
+            raise _several_answers(estimator)
+        return method(inputs)
+
     return Responder(
-        lambda points: method(points.numpy()),
+        ask,
         classes,
         labels=name == "predict" and classes is not None,
         threshold=0.0 if name == "decision_function" else None,
     )
+
+
+def _several_answers(estimator: Any) -> ValueError:
+    return ValueError(
+        f"classifier must predict one class for each point; got {type(estimator).__name__}, which predicts several "
+        "outputs or labels. Pass a function that selects one of them, such as lambda points: model.predict(points)[:, "
+        "0]."
+    )
+
+
+def _scores_pairs(estimator: Any) -> bool:
+    """Whether the decision function has a score for each pair of classes, also in a pipeline or behind a search."""
+    fitted = [estimator, getattr(estimator, "best_estimator_", None)]
+    return any(
+        name.split("__")[-1] == "decision_function_shape" and value == "ovo"
+        for one in fitted
+        if hasattr(one, "get_params")
+        for name, value in one.get_params().items()
+    )
+
+
+def _inputs(estimator: Any, points: Tensor) -> Any:
+    """The points as what the estimator was fitted on: a table with named columns, or an array."""
+    names = getattr(estimator, "feature_names_in_", None)
+    array = points.numpy()
+    if names is None or array.ndim != 2 or len(names) != array.shape[1] or find_spec("pandas") is None:
+        return array
+    import pandas
+
+    return pandas.DataFrame(array, columns=names)
 
 
 @contextmanager
@@ -191,12 +258,26 @@ def _reduce(
             )
         above = response > threshold
         return np.stack([~above, above], axis=1)
+    if threshold is None and response.dtype.kind in "biu":
+        _require_one_class(response)
     if names is not None and len(names) != response.shape[1]:
         raise ValueError(
             f"classifier must answer one number for each of its {len(names)} classes; got {response.shape[1]}. "
             'Pass response_method="predict", or classes=... with as many names.'
         )
     return response > threshold if threshold is not None else _largest(response)
+
+
+def _require_one_class(response: NDArray[Any]) -> None:
+    """Raise for rows of 0 and 1 that mark several classes, or none: they are labels, not scores."""
+    if bool(((response == 0) | (response == 1)).all()):
+        marked = response.sum(axis=1)
+        if bool((marked != 1).any()):
+            wrong = int(marked[marked != 1][0])
+            raise ValueError(
+                f"classifier must give each point one class; got a row with {wrong} of {response.shape[1]} labels. "
+                "Pass threshold=0.5, which measures the region of each label alone."
+            )
 
 
 def _largest(response: NDArray[Any]) -> NDArray[np.bool_]:
