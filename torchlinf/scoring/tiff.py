@@ -1,6 +1,6 @@
 """TIFF images: every byte order, depth, sign and layout, by tifffile.
 
-What tifffile cannot decompress without imagecodecs (the extra `tiff`), such as LZW and JPEG, Pillow does; the type of
+What tifffile cannot decompress without imagecodecs, such as LZW and JPEG, Pillow does; the type of
 the numbers comes from the file's tags all the same.
 """
 
@@ -69,7 +69,7 @@ def _decode_by_pillow(file: IO[bytes], page: Any, index: int, cause: Exception) 
     from PIL import Image, TiffImagePlugin, UnidentifiedImageError
 
     file.seek(0)
-    refusal = UnreadableMaskError(f"its compression needs imagecodecs: pip install 'torchlinf[tiff]' ({cause})")
+    refusal = UnreadableMaskError(f"its compression needs imagecodecs: pip install imagecodecs ({cause})")
     try:
         image = TiffImagePlugin.TiffImageFile(file)
     except (UnidentifiedImageError, SyntaxError):
