@@ -114,7 +114,7 @@ class ComplexitySampler(Sampler[int]):
         good = weights.shape == (pool,) and bool((weights.isfinite() & (weights >= 0)).all()) and weights.sum() > 0
         if not good:
             raise ValueError(
-                f"weight must give {pool} finite numbers of 0 or more, not all 0; got {weights}. "
+                f"weight must give {pool} finite numbers of 0 or more, not all 0; got {answer}. "
                 "Pass for example weight=torch.exp."
             )
         return weights
