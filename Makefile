@@ -9,7 +9,7 @@ PIP := -m pip install --quiet --disable-pip-version-check
 
 # The core, the losses, the metric, label maps, the command and its tables: what `make test-lowest` runs. TESTS=tests
 # runs all.
-SHORT := $(addprefix tests/test_,known_values.py distance.py field.py complexity.py entropy.py soft.py losses.py \
+SHORT := $(addprefix tests/test_,known_values.py distance.py field.py complexity.py entropy.py error_bound.py soft.py losses.py \
 	labels.py cli.py tables.py) $(wildcard tests/test_metric*.py)
 TESTS ?= $(SHORT)
 
@@ -76,7 +76,7 @@ dist-check: dist
 	$(PYTHON) -m venv --clear $(CLEAN)
 	$(CLEAN)/bin/python $(PIP) -c constraints.txt dist/*.whl
 	cd tools && ../$(CLEAN)/bin/python run_readme.py core
-	$(CLEAN)/bin/python $(PIP) -c constraints.txt "$$(echo dist/*.whl)[cli,plot,metrics]"
+	$(CLEAN)/bin/python $(PIP) -c constraints.txt "$$(echo dist/*.whl)[cli,plot,metrics,report]"
 	cd tools && ../$(CLEAN)/bin/python run_readme.py all
 	cd tests/downstream && ../../$(CLEAN)/bin/python user.py
 	cd tests/downstream && ../../$(BIN)/mypy --strict --python-executable ../../$(CLEAN)/bin/python \

@@ -49,10 +49,10 @@ ax.legend()
 plt.show()
 
 # %%
-# A profile answers questions about windows of scales without solving anything again, and has the certified relative
-# error of the field that it was computed from.
+# A profile answers questions about windows of scales without solving anything again, and has a proven bound on the
+# error of every answer, in bits.
 
 profile = profiles["square with a bump"]
 print(f"scales up to 0.5: {profile.mean(0.0, 0.5):.4f} bits")
 print(f"scales above 0.5: {profile.mean(0.5, 1.0):.4f} bits")
-print(f"relative error of the field: at most {profile.field_error_bound:.0e}")
+print(f"error of the mean over all scales: at most {profile.error_bound():g} bits")

@@ -1,4 +1,4 @@
-"""Figures of Hasse diagrams against the order that they draw, and equality within the error."""
+"""Figures of Hasse diagrams against the order that they draw, and equality where intervals meet."""
 
 import sys
 from collections.abc import Iterator
@@ -129,16 +129,16 @@ def test_ten_shapes_fit_the_page(every_scale: bool) -> None:
 
 
 def shaken(profile: ComplexityProfile, share: float, error: float) -> ComplexityProfile:
-    """The profile with all its levels moved by a share, and another certified error."""
+    """The profile with all its levels moved by a share, and another error bound of each."""
     return replace(
         profile,
         level_values=profile.level_values + share,
-        field_error_bound=torch.full_like(profile.field_error_bound, error),
+        level_error_bound=torch.full_like(profile.level_error_bound, error),
     )
 
 
 @pytest.mark.parametrize(("error", "frames"), [(1e-9, 1), (1e-11, 0)])
-def test_equal_within_the_certified_error_is_one_node(error: float, frames: int) -> None:
+def test_shapes_whose_intervals_meet_are_one_node(error: float, frames: int) -> None:
     disc, square = (complexity_profile(mask, spatial_ndim=2) for mask in (shapes.disc(9), shapes.square(9)))
     solved = {"disc": shaken(disc, 0.0, error), "twin": shaken(disc, 1e-10, error), "square": square}
     ax = plot.hasse({"disc": shapes.disc(9), "twin": shapes.disc(9), "square": shapes.square(9)}, profiles=solved)

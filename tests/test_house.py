@@ -23,7 +23,7 @@ FLOORS = (
     {"measure"},
     {"field"},
     {"kernels"},
-    {"_checks", "_parallel", "_boxes", "_morphology", "_extras"},
+    {"_checks", "_parallel", "_boxes", "_morphology", "_extras", "_inside"},
 )
 HELPERS = FLOORS[-1]
 

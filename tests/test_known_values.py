@@ -9,7 +9,17 @@ from torch import Tensor
 
 from torchlinf import ComplexityProfile, complexity_profile
 from torchlinf.field.methods import METHODS
-from torchlinf.shapes import Appendage, box, cube_with_appendages, disc, square, with_appendages
+from torchlinf.shapes import (
+    Appendage,
+    appendage_dictionary,
+    appendage_places,
+    box,
+    cube_with_appendages,
+    disc,
+    nested_appendages,
+    square,
+    with_appendages,
+)
 
 LADDER = [Appendage("right", 96, 48), Appendage("top", 64, 48), Appendage("left", 32, 48)]
 BOXES = [
@@ -126,9 +136,93 @@ def test_cubes_with_cubes_on_their_faces(faces: list[str], fine: float) -> None:
     assert profile.mean(0.25, 1.0).item() == 0.0
 
 
+def rims_of(shape: Tensor) -> ComplexityProfile:
+    return complexity_profile(shape, levels="rim", spatial_ndim=shape.ndim)
+
+
+@pytest.mark.parametrize(
+    ("name", "fine"),
+    [
+        ("at the corners", 3.02790),
+        ("centred", 3.04038),
+        ("shifted", 3.04038),
+        ("two on two sides", 3.03101),
+        ("three and one", 3.03412),
+    ],
+)
+def test_on_rims_the_place_of_appendages_counts(name: str, fine: float) -> None:
+    """The pinwheel has four joints, centred and shifted ones eight; in between it is in between."""
+    profile = rims_of(appendage_places()[name])
+    assert profile.mean(0.0, 0.25).item() == pytest.approx(fine, abs=5e-6)
+    assert profile.levels()[16:].tolist() == [0.0] * 48
+
+
+def test_on_rims_three_arrangements_with_eight_joints_are_equal() -> None:
+    """The paper's second experiment: three shapes with sixteen added corners are equal, the pinwheel is simpler."""
+    ways = {
+        "centred": [(face, None) for face in SIDES],
+        "shifted": [(face, 16) for face in SIDES],
+        "two ways": [("right", None), ("left", 16), ("top", 70), ("bottom", None)],
+    }
+    eight = [
+        rims_of(with_appendages((128, 128), [Appendage(face, 32, 32, at) for face, at in there]))
+        for there in ways.values()
+    ]
+    pinwheel = rims_of(appendage_places()["at the corners"])
+    for profile in eight:
+        assert profile.mean(0.0, 0.25).item() == pytest.approx(3.04038, abs=5e-6)
+        assert torch.equal(profile.level_values, eight[0].level_values)
+        assert pinwheel.mean(0.0, 0.25) < profile.mean(0.0, 0.25)
+        assert profile.error_bound(0.0, 0.25) == 0.0
+
+
+def test_on_rims_the_nested_appendages() -> None:
+    profiles = {name: rims_of(shape) for name, shape in nested_appendages().items()}
+    means = [profile.mean(0.0, 0.25).item() for profile in profiles.values()]
+    assert means == pytest.approx([0.0, 1.997, 3.308, 4.164], abs=5e-4)
+    levels = [profile.level_values for profile in profiles.values()]
+    for fewer, more, last in zip(levels[:-1], levels[1:], (48, 32, 16), strict=True):
+        assert (fewer < more)[:last].all()
+        assert torch.equal(fewer[last:], more[last:])
+
+
+def test_on_rims_the_dictionary_is_strict() -> None:
+    found = {name: rims_of(shape).mean(0.0, 0.25).item() for name, shape in appendage_dictionary().items()}
+    words = [f"{n} x {w} {place}" for n in (1, 2, 4) for w in (32, 80) for place in ("flush", "centred")]
+    assert [found[word] for word in words] == pytest.approx(
+        [1.319, 1.321, 1.608, 1.610, 2.090, 2.096, 2.411, 2.416, 3.031, 3.040, 3.174, 3.180], abs=5e-4
+    )
+    assert [found[word] for word in words] == sorted(set(found.values()))
+
+
+@pytest.mark.parametrize(
+    ("euclidean", "largest", "mean", "above_3_bits"),
+    [(32, 3.026, 2.351, 0.043), (64, 3.947, 3.267, 0.739), (96, 4.409, 3.670, 0.838), (128, 4.761, 3.944, 0.868)],
+)
+def test_on_rims_discs(euclidean: int, largest: float, mean: float, above_3_bits: float) -> None:
+    profile = rims_of(disc(euclidean))
+    assert profile.peak()[0].item() == pytest.approx(largest, abs=5e-4)
+    assert profile.mean().item() == pytest.approx(mean, abs=5e-4)
+    assert (profile.levels() > 3).double().mean().item() == pytest.approx(above_3_bits, abs=5e-4)
+
+
+@pytest.mark.parametrize("levels", ["distance", "rim"])
+def test_what_zero_complexity_is_made_of(levels: str) -> None:
+    """A T and a plus of constant width, and squares that overlap: the paper's section 4, and its word on Donderi."""
+
+    def of(shape: Tensor) -> float:
+        return complexity_profile(shape, levels=levels, spatial_ndim=2).mean().item()
+
+    tee = torch.zeros(64, 96, dtype=torch.bool)
+    tee[:32] = tee[:, 32:64] = True
+    plus = torch.zeros(96, 96, dtype=torch.bool)
+    plus[32:64] = plus[:, 32:64] = True
+    assert of(tee) == of(plus) == of(on_a_diagonal(64, 32, (1, 1))) == of(disc(1)) == 0.0
+
+
 def assert_exactly_zero(shape: Tensor) -> None:
-    for estimator in ("entropy", "std"):
-        profile = complexity_profile(shape, estimator=estimator, spatial_ndim=shape.ndim)
+    for estimator, levels in itertools.product(("entropy", "std"), ("distance", "rim")):
+        profile = complexity_profile(shape, estimator=estimator, levels=levels, spatial_ndim=shape.ndim)
         assert profile.level_values.tolist() == [0.0] * int(profile.radius)
         assert not profile.level_values.signbit().any()
         assert profile.mean().item() == 0.0

@@ -123,7 +123,8 @@ def test_properties_of_scikit_image_stand_beside(sizes: tuple[int, ...]) -> None
 def test_a_map_without_objects_has_no_rows(empty: NDArray[np.int64]) -> None:
     table = complexity_table(empty)
     assert list(table) == [
-        "label", "radius", "complexity", "touches_border", "field_error_bound", "seconds", "version", "measure",
+        "label", "radius", "complexity", "touches_border", "error_bound", "field_error_bound", "seconds", "version",
+        "measure",
     ]  # fmt: skip
     assert {len(column) for column in table.values()} == {0}
     assert table["complexity"].dtype == np.float64

@@ -403,7 +403,8 @@ def test_compiled_without_a_graph_break(options: dict[str, Any]) -> None:
 @pytest.mark.parametrize("rho", [None, 3.0])
 def test_the_operator_keeps_its_promises(rho: float | None) -> None:
     torch.library.opcheck(
-        region_flip_gradient, (batch().flatten(0, 1), 0.5, 4, False, 0.0, 1.0, 1024, "entropy", rho, 1e-9)
+        region_flip_gradient,
+        (batch().flatten(0, 1), 0.5, 4, False, 0.0, 1.0, 1024, "entropy", "distance", rho, 1e-9, 0.0),
     )
 
 

@@ -1,3 +1,5 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import torch
@@ -8,7 +10,13 @@ from torchlinf.shapes import add_noise, disc, noise
 Pixel = tuple[int, int]
 
 
-def naive_noise(shape: torch.Tensor, factor: int, count: int, seed: int) -> set[Pixel]:
+def naive_noise(
+    shape: torch.Tensor,
+    factor: int,
+    count: int,
+    seed: int,
+    close: Callable[[set[Pixel], int], set[Pixel]] | None = None,
+) -> set[Pixel]:
     """The definition over sets of pixels, with the same random numbers: widths, then lengths, then places."""
     random = torch.Generator().manual_seed(seed)
     widths = [max(0, round(factor + factor / 3 * x)) for x in normal(count, random)]
@@ -18,14 +26,20 @@ def naive_noise(shape: torch.Tensor, factor: int, count: int, seed: int) -> set[
     for width, place in zip(widths, places, strict=True):
         boundary = sorted(pixel for pixel in inside if any(other not in inside for other in around(pixel)))
         row, column = boundary[int(place * len(boundary))]
+        ways = ways_from((shape.shape[1] - 1) / 2, column), ways_from((shape.shape[0] - 1) / 2, row)
         first = -((width - 1) // 2)
         for i in range(first, first + width):
             length = next(lengths)
-            inside |= {(row + i, column + j) for j in range(-length, length + 1)}
+            inside |= {(row + i, column + way * j) for way in ways[0] for j in range(length + 1)}
         for i in range(first, first + width):
             length = next(lengths)
-            inside |= {(row + j, column + i) for j in range(-length, length + 1)}
-    return closing(inside, factor)
+            inside |= {(row + way * j, column + i) for way in ways[1] for j in range(length + 1)}
+        inside = (close or closing)(inside, factor)
+    return inside
+
+
+def ways_from(middle: float, place: int) -> list[int]:
+    return [way for way in (-1, 1) if way * (place - middle) >= 0]
 
 
 def normal(size: int, random: torch.Generator) -> list[float]:
@@ -48,6 +62,16 @@ def closing(inside: set[Pixel], side: int) -> set[Pixel]:
     free = [(i, j) for i, j in frame if all((i + a, j + b) not in inside for a, b in square)]
     opened = {(i + a, j + b) for i, j in free for a, b in square}
     return {pixel for pixel in frame if pixel not in opened}
+
+
+def closing_of_arrays(inside: set[Pixel], side: int) -> set[Pixel]:
+    """The same by SciPy, for large squares."""
+    places = np.array(sorted(inside))
+    origin = places.min(axis=0) - side
+    canvas = np.zeros(places.max(axis=0) - origin + side + 1, dtype=bool)
+    canvas[tuple((places - origin).T)] = True
+    filled = ndimage.binary_closing(canvas, np.ones((side, side)))
+    return {(int(row), int(column)) for row, column in np.argwhere(filled) + origin}
 
 
 def boxed(inside: set[Pixel]) -> torch.Tensor:
@@ -77,7 +101,7 @@ def test_noise_far_beyond_the_first_canvas() -> None:
     # A single pixel that grows by patches of 30 pixels leaves any room that was made for it at first.
     found = add_noise(ONE_PIXEL, 30, 8, seed=0)
     assert min(found.shape) > 100
-    assert torch.equal(found, boxed(naive_noise(ONE_PIXEL, 30, 8, 0)))
+    assert torch.equal(found, boxed(naive_noise(ONE_PIXEL, 30, 8, 0, closing_of_arrays)))
 
 
 @pytest.mark.parametrize("factor", [2, 4, 5])

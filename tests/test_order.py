@@ -1,6 +1,9 @@
 """Partial orders of shapes against definitions that try everything."""
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import combinations, permutations
 
 import networkx as nx
@@ -21,6 +24,7 @@ from torchlinf.order import (
     largest_antichain,
     longest_chain,
 )
+from torchlinf.order.indicators import means_over, ranks, values_at_all_scales
 
 
 def profile(mask: torch.Tensor) -> ComplexityProfile:
@@ -140,10 +144,19 @@ def test_an_order_of_nothing_and_of_one() -> None:
 def with_values(*rows: list[float], error_bound: float = 0.0) -> list[ComplexityProfile]:
     """Profiles of one shape each that hold the numbers given."""
     scales = torch.arange(1, len(rows[0]) + 1, dtype=torch.float64) / len(rows[0])
-    bound = torch.tensor(error_bound, dtype=torch.float64)
     values = [torch.tensor(row, dtype=torch.float64) for row in rows]
     return [
-        ComplexityProfile(scales, row, torch.tensor(len(row)), bound, row, Measure(), torch.zeros(())) for row in values
+        ComplexityProfile(
+            scales=scales,
+            values=row,
+            radius=torch.tensor(len(row)),
+            field_error_bound=torch.tensor(1e-9, dtype=torch.float64),
+            level_values=row,
+            level_error_bound=torch.full_like(row, error_bound),
+            measure=Measure(),
+            seconds=torch.zeros(()),
+        )
+        for row in values
     ]
 
 
@@ -170,10 +183,36 @@ def test_without_equal_values_tau_is_that_of_scipy() -> None:
     assert stats.kendalltau(range(3), [1.0, 1.0, 2.0]).statistic == pytest.approx(2 / np.sqrt(6))
 
 
-def test_tau_takes_values_within_the_certified_error_as_equal() -> None:
-    first, later = [1.0, 1.0], [1.0 - 3e-6, 1.0 - 5e-6]
+def test_tau_takes_values_whose_intervals_meet_as_equal() -> None:
+    first, later = [1.0, 1.0], [1.0 - 1.5e-6, 1.0 - 2.5e-6]
     assert kendall_tau(with_values(first, later, error_bound=1e-6)).tolist() == [1.0, -1.0]
     assert kendall_tau(with_values(later, first, error_bound=1e-6)).tolist() == [1.0, 1.0]
+
+
+def test_tau_has_the_bound_of_the_level_that_a_scale_belongs_to() -> None:
+    later, first = with_values([1.0, 1.0, 1.0], [2.0, 2.0, 2.0])
+    unsure = replace(later, level_error_bound=torch.tensor([0.0, 1.5, 0.0], dtype=torch.float64))
+    assert kendall_tau([first, unsure]).tolist() == [-1.0, 1.0, -1.0]
+
+
+@pytest.mark.parametrize("every_scale", [False, True])
+def test_an_order_is_proven(every_scale: bool) -> None:
+    """Of shapes that are solved roughly, what counts as less is less in the exact fields too."""
+    masks = [shapes.superellipse(size, power) for size in (9, 12, 16) for power in (1.0, 2.0, 5.0)]
+    indicators = values_at_all_scales if every_scale else partial(means_over, windows=WINDOWS)
+    exact = indicators([profile(mask) for mask in masks])[0]
+    told_apart = []
+    for tol in (0.3, 0.1, 1e-2, 1e-4, 1e-9):
+        rough = [
+            complexity_profile(mask, tol=tol, tol_bits=math.inf, method="accelerated", spatial_ndim=2) for mask in masks
+        ]
+        rank = ranks(*indicators(rough))
+        less = rank[:, None] < rank[None, :]
+        assert (exact[:, None] < exact[None, :])[less].all()
+        told_apart.append(int(less.sum()))
+    assert told_apart == sorted(told_apart)
+    assert told_apart[3] > 0
+    assert told_apart[-1] == (exact[:, None] < exact[None, :] - 1e-9).sum()
 
 
 def test_tau_of_shapes(profiles: dict[str, ComplexityProfile]) -> None:
@@ -202,10 +241,15 @@ def test_bad_input_says_what_to_do(profiles: dict[str, ComplexityProfile]) -> No
     with pytest.raises(ValueError, match="low"):
         dominance(profiles, windows={"wrong": (0.5, 0.25)})
     other = {"disc": profiles["disc"], "other": complexity_profile(shapes.disc(5), spatial_ndim=2, bins=64)}
-    with pytest.raises(ValueError, match="got estimator='entropy', bins=64 for 'other'"):
+    with pytest.raises(ValueError, match="got estimator='entropy', bins=64, levels='distance' for 'other'"):
         dominance(other)
-    with pytest.raises(ValueError, match="got estimator='entropy', bins=64 for 1"):
+    with pytest.raises(ValueError, match="got estimator='entropy', bins=64, levels='distance' for 1"):
         kendall_tau(list(other.values()))
+    rims = {"disc": profiles["disc"], "other": complexity_profile(shapes.disc(5), spatial_ndim=2, levels="rim")}
+    with pytest.raises(
+        ValueError, match="kind of levels; got estimator='entropy', bins=1024, levels='rim' for 'other'"
+    ):
+        dominance(rims)
     with pytest.raises(TypeError, match="must be a sequence in the expected order; got dict"):
         kendall_tau(other)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="empty one for 1"):

@@ -101,7 +101,7 @@ def test_json_holds_lists(masks: Path) -> None:
     rows = {Path(row["path"]).stem: row for row in map(json.loads, result.stdout.splitlines())}
     assert list(rows["box"]) == [
         "path", "rank", "complexity_low", "complexity", "equal", "above", "incomparable", "radius",
-        "field_error_bound", "seconds", "version", "measure",
+        "error_bound", "field_error_bound", "seconds", "version", "measure",
     ]  # fmt: skip
     assert rows["box"]["version"] == torchlinf.__version__
     assert json.loads(rows["box"]["measure"])["windows"] == {"complexity_low": [0, 0.25], "complexity": [0, 1]}
@@ -143,7 +143,7 @@ def test_a_field_that_cannot_be_solved_stops_nothing(masks: Path, monkeypatch: p
 
 
 @pytest.mark.parametrize(("error", "equal"), [(1e-9, "turned"), (1e-11, "")])
-def test_equal_within_the_certified_error_counts_as_equal(
+def test_values_whose_intervals_meet_count_as_equal(
     error: float, equal: str, masks: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every profile is moved by another multiple of 1e-10, which is within the first error and beyond the second."""
@@ -154,7 +154,7 @@ def test_equal_within_the_certified_error_counts_as_equal(
         moved.append(len(moved) * 1e-10)
         values = profile.level_values + moved[-1]
         return replace(
-            profile, level_values=values, field_error_bound=torch.full_like(profile.field_error_bound, error)
+            profile, level_values=values, level_error_bound=torch.full_like(profile.level_error_bound, error)
         )
 
     monkeypatch.setattr(score, "ragged_profile", shaken)

@@ -27,14 +27,15 @@ def test_the_defaults_are_those_of_the_library(factor: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [{"lines": "half"}, {"lines": "outwards"}, {"closing": "always"}, {"boundary": "first"}]
+    "change",
+    [{"lines": "half"}, {"lines": "both"}, {"lines": "to the nearer end"}, {"closing": "last"}, {"boundary": "first"}],
 )
 def test_each_assumption_changes_the_squares(change: dict[str, str]) -> None:
     assumed, changed = (noisy_squares(a, 4, 0)[1] for a in (SMALL, replace(SMALL, **change)))
     assert assumed.shape != changed.shape or not torch.equal(assumed, changed)
-    # For a single addition shorter lines leave out some of it, and all else is the same.
+    # For a single addition longer lines add more, and all else is the same.
     first = [int(noisy_squares(replace(a, counts=(1,)), 4, 0)[0].sum()) for a in (SMALL, replace(SMALL, **change))]
-    assert (first[1] < first[0]) if "lines" in change else (first[1] == first[0])
+    assert (first[1] > first[0]) if change.get("lines") == "both" else (first[1] == first[0] or "lines" in change)
 
 
 def test_growing_squares_only_gain() -> None:
@@ -51,21 +52,26 @@ def test_closing_always_is_closing_the_whole(factor: int) -> None:
     canvas = np.pad(np.ones((40, 40), dtype=bool), 120)
     for place, lengths in noise.random_patches(factor, 20, seed_of(1, factor, 20)):
         boundary = np.argwhere(canvas & ~ndimage.binary_erosion(canvas, np.ones((3, 3))))
-        patch = noise._drawn(lengths)
-        row, column = boundary[int(place * len(boundary))] - len(patch) // 2
+        row, column = boundary[int(place * len(boundary))]
+        away = ((column < 140, column >= 140), (row < 140, row >= 140))
+        patch = noise.drawn(lengths, away)
+        row, column = row - len(patch) // 2, column - len(patch) // 2
         canvas[row : row + len(patch), column : column + len(patch)] |= patch
         canvas = ndimage.binary_closing(canvas, np.ones((factor, factor)))
     rows, columns = canvas.any(axis=1).nonzero()[0], canvas.any(axis=0).nonzero()[0]
     expected = canvas[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    found = noisy_squares(replace(SMALL, closing="always"), factor, 1)[1]
+    found = noisy_squares(SMALL, factor, 1)[1]
     assert np.array_equal(found.numpy(), expected)
 
 
 def test_the_paper_table_is_read_from_the_page() -> None:
-    paper = agreement.paper_means()
-    assert list(paper)[5:7] == ["factor 6", "50 patches"]
-    assert {len(row) for row in paper.values()} == {9}
-    assert paper["factor 4"][3] == 0.85
+    means, stds = (agreement.paper_table(name) for name in ("PAPER_MEANS", "PAPER_STDS"))
+    for table in (means, stds):
+        assert list(table)[5:7] == ["factor 6", "50 patches"]
+        assert {len(row) for row in table.values()} == {9}
+    assert means["factor 4"][3] == 0.85
+    assert [row.count(0.28) for row in stds.values()] == [0, 0, 0, 1, 1, 0, 0, 0, 0, 0]
+    assert stds["factor 4"][3] == stds["factor 5"][6] == 0.28
 
 
 def test_taus_of_both_orders() -> None:
@@ -81,12 +87,24 @@ def test_chance_is_what_the_normal_distribution_says() -> None:
     random = np.random.default_rng(0)
     tau = 0.5 + 0.2 * random.standard_normal((100, 10, 9))
     paper = (0.5 + 0.2 * random.standard_normal((50, 10, 9))).mean(axis=0).round(2)
-    found = agreement.fit(tau, paper)
+    found = agreement.fit_means(tau, paper)
     assert found.expected == pytest.approx(np.sqrt(2 / np.pi) * 0.2 * np.sqrt(1 / 50 + 1 / 100), rel=0.05)
     assert found.expected < found.limit < 1.3 * found.expected
     assert found.mean == pytest.approx(found.expected, rel=0.3)
-    assert not agreement.fit(tau, paper + 0.05).fits
+    assert not agreement.fit_means(tau, paper + 0.05).fits
     assert agreement.redrawn_stds(tau).mean() == pytest.approx(0.2, rel=0.02)
+
+
+def test_chance_of_deviations_is_what_the_normal_distribution_says() -> None:
+    """The deviation of n normal numbers has itself one of about std / sqrt(2 n)."""
+    random = np.random.default_rng(1)
+    tau = 0.2 * random.standard_normal((100, 10, 9))
+    paper = (0.2 * random.standard_normal((50, 10, 9))).std(axis=0, ddof=1).round(2)
+    found = agreement.fit_stds(tau, paper)
+    assert found.expected == pytest.approx(np.sqrt(2 / np.pi) * 0.2 * np.sqrt(1 / 100 + 1 / 200), rel=0.1)
+    assert found.expected < found.limit < 1.3 * found.expected
+    assert found.fits
+    assert not agreement.fit_stds(tau, paper + 0.04).fits
 
 
 def test_the_command_writes_its_tables(
@@ -94,8 +112,10 @@ def test_the_command_writes_its_tables(
 ) -> None:
     small = replace(SMALL, side=24, counts=(2, 4, 6, 8))
     monkeypatch.setattr(command, "VARIATIONS", {command.BASE: (small, "at"), "other": (small, "up to")})
-    command.main(["--sets", "3", "--out", str(tmp_path)])
+    command.main(["--sets", "3", "--other-sets", "2", "--out", str(tmp_path)])
     text = (tmp_path / command.FILE).read_text(encoding="utf-8")
     assert text in capsys.readouterr().out
     assert text.count("\n| factor 4 |") == 2
-    assert "| other |" in text
+    assert text.count("\n| the paper's |") == 20
+    assert text.count("0.28 or more at factor") == 2
+    assert "| other | 2 |" in text

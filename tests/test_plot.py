@@ -306,8 +306,8 @@ def test_more_bad_input() -> None:
             draw(SHAPES, solutions={})
         with pytest.raises(ValueError, match="bins must be an integer of 1 or more; got 0"):
             draw(SHAPES, bins=0)
-        with pytest.raises(TypeError, match="low is not an option here"):
-            draw(SHAPES, low=0.5)
+    with pytest.raises(TypeError, match="low is not an option here"):
+        plot.shapes(SHAPES, low=0.5)
 
 
 def test_bad_input_beside_what_is_solved() -> None:

@@ -7,8 +7,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from torchlinf.scoring import UnreadableMaskError, inside_above, read_mask
-from torchlinf.scoring.readers import Values
+from torchlinf.scoring import UnreadableMaskError, read_mask
 
 # H != W, not symmetric, with a hole and a second component.
 MASK = np.zeros((21, 34), dtype=bool)
@@ -87,7 +86,9 @@ def test_volumes(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "pages.tif", np.where(volume, 255, 0).astype(np.uint8))
     tifffile.imwrite(tmp_path / "double.tif", volume.astype(np.float64))
     for name in ("volume.npy", "pages.tif", "double.tif"):
-        np.testing.assert_array_equal(read_mask(tmp_path / name), volume)
+        np.testing.assert_array_equal(read_mask(tmp_path / name, volume=True), volume)
+        with pytest.raises(UnreadableMaskError, match=r"three axes, \(5, 7, 11\): pass --stack if .* or --volume"):
+            read_mask(tmp_path / name)
 
 
 def test_tiff_beyond_pillow(tmp_path: Path) -> None:
@@ -106,8 +107,13 @@ def test_of_an_animation_the_first_frame_is_read(tmp_path: Path) -> None:
 
 def test_colours_of_a_palette_are_labels(tmp_path: Path) -> None:
     labels = MASK * (1 + np.arange(MASK.size).reshape(MASK.shape) % 3)
-    palette_image(labels, [(0, 0, 0), (128, 0, 0), (0, 64, 0), (192, 128, 0)]).save(tmp_path / "labels.png")
-    np.testing.assert_array_equal(read_mask(tmp_path / "labels.png"), MASK)
+    path = tmp_path / "labels.png"
+    palette_image(labels, [(0, 0, 0), (128, 0, 0), (0, 64, 0), (192, 128, 0)]).save(path)
+    np.testing.assert_array_equal(read_mask(path, nonzero=True), MASK)
+    np.testing.assert_array_equal(read_mask(path, label=2), labels == 2)
+    np.testing.assert_array_equal(read_mask(path, label=2, ignore=[0, 3], invert=True), labels == 1)
+    with pytest.raises(UnreadableMaskError, match=r"4 values \(0, 1, 2, 3\), .* pass --labels .* --label \d for one"):
+        read_mask(path)
 
 
 def test_threshold_and_invert(tmp_path: Path) -> None:
@@ -120,39 +126,7 @@ def test_threshold_and_invert(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_mask(tmp_path / "logits.npy", threshold=0), ramp > 100)
 
 
-@pytest.mark.parametrize(
-    ("values", "threshold"),
-    [
-        (np.array([True, False]), 0),
-        (np.array([7, 9], dtype=np.uint8), 7),
-        (np.array([200, 255], dtype=np.uint8), 200),
-        (np.array([255, 255], dtype=np.uint8), 127),
-        (np.array([0, 0], dtype=np.uint8), 0),
-        (np.array([0, 3, 250], dtype=np.uint8), 127),
-        (np.array([0, 3, 100], dtype=np.uint8), 0),
-        (np.array([0, 3, 65535], dtype=np.uint16), 32767),
-        (np.array([0, 3, 255], dtype=np.uint16), 0),
-        (np.array([0, 3, 65535], dtype=np.int32), 0),
-        (np.array([-1, 0, 5], dtype=np.int64), 0),
-        (np.array([0.1, 0.5, 0.9]), 0.5),
-        (np.array([0.2, 0.2]), 0.5),
-        (np.array([-4.0, 4.0]), -4),
-    ],
-)
-def test_the_rule(values: np.ndarray, threshold: float) -> None:
-    assert inside_above(Values(values)) == threshold
-
-
-def test_the_noise_of_a_lossy_file_is_outside() -> None:
-    noise = np.array([0, 1], dtype=np.uint8)
-    assert inside_above(Values(noise, lossy=True)) == 127
-    assert inside_above(Values(noise)) == 0
-
-
 def test_values_that_tell_no_inside(tmp_path: Path) -> None:
     np.save(tmp_path / "logits.npy", np.linspace(-3, 4, 12).reshape(3, 4))
-    with pytest.raises(UnreadableMaskError, match=r"got -3 to 4. Pass a threshold"):
+    with pytest.raises(UnreadableMaskError, match=r"numbers from -3 to 4, .*pass --threshold"):
         read_mask(tmp_path / "logits.npy")
-    np.save(tmp_path / "nan.npy", np.array([[0, 1, np.nan]]))
-    with pytest.raises(UnreadableMaskError, match="NaN"):
-        read_mask(tmp_path / "nan.npy")

@@ -86,7 +86,7 @@ def test_the_arrays_of_an_archive_are_masks_of_their_own(tmp_path: Path) -> None
     first, second = noise(0, 6, 9), noise(1, 4, 5, 6)
     np.savez_compressed(tmp_path / "two.npz", first=first, second=second)
     np.savez(tmp_path / "one.npz", only=first)
-    rows = list(score_masks(find_masks([tmp_path])))
+    rows = list(score_masks(find_masks([tmp_path]), volume=True))
     assert [os.path.basename(row.path) for row in rows] == ["one.npz", "two.npz:first", "two.npz:second"]
     assert [row.pixels for row in rows] == [first.sum(), first.sum(), second.sum()]
     assert [(row.depth, row.height, row.width) for row in rows] == [(None, 6, 9), (None, 6, 9), (4, 5, 6)]

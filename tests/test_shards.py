@@ -106,7 +106,9 @@ def test_settings_reach_the_masks(tmp_path: Path) -> None:
     for options in (ScoreOptions(0.5, True), ScoreOptions(max_pixels=11 * 17 - 1, measure=score_measure({"bins": 64}))):
         out = tmp_path / f"out{options.invert}"
         score_all([tar(tmp_path / "a.tar", 2)], out, options)
-        expected = untimed(score_masks(find_masks([tmp_path / "a.tar"]), **options.reading, **options.measuring))
+        expected = untimed(
+            score_masks(find_masks([tmp_path / "a.tar"]), **dataclasses.asdict(options.reading), **options.measuring)
+        )
         assert untimed(read_table(out)) == expected
     assert "limit" in expected[0].error
     score_all([tar(tmp_path / "b.tar", 12)], tmp_path / "some", ScoreOptions(members="*1.png"))
@@ -121,8 +123,8 @@ def test_what_is_there_is_not_done_again(tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / "out" / first[0].name).unlink()
     b.write_bytes(b.read_bytes()[:-3])
     scored = []
-    score = shards.score_each
-    monkeypatch.setattr(shards, "score_each", lambda *a, **k: scored.append(1) or score(*a, **k))
+    score = shards.score_groups
+    monkeypatch.setattr(shards, "score_groups", lambda *a, **k: scored.append(1) or score(*a, **k))
     again = score_all(paths, tmp_path / "out", run=4)
     assert len(scored) == 2
     assert [part.seconds > 0 for part in again] == [True, True, False, False]
@@ -150,8 +152,8 @@ def test_a_part_of_another_version_is_made_again(tmp_path: Path) -> None:
 
 def test_a_marker_of_a_lost_worker_isolates_the_masks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
-    score = shards.score_each
-    monkeypatch.setattr(shards, "score_each", lambda *a, **k: seen.append(k["isolated"]) or score(*a, **k))
+    score = shards.score_groups
+    monkeypatch.setattr(shards, "score_groups", lambda *a, **k: seen.append(k["isolated"]) or score(*a, **k))
     (shard,) = find_shards([tar(tmp_path / "a.tar", 2)])
     rows = []
     for lost in (0, LOST - 1):

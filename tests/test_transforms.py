@@ -202,7 +202,7 @@ def _without_image(sample: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("mask", "error", "words"),
     [
-        (torch.full((4, 5), 0.5), ValueError, r"got 0\.5\. Pass threshold=0.5"),
+        (torch.tensor([[0.5, 1.5]]), ValueError, r"got numbers from 0\.5 to 1\.5\. .*threshold="),
         (torch.full((4, 5), torch.nan), ValueError, "must hold no NaN"),
         (torch.ones(5), ValueError, r"at least spatial_ndim=2 dimensions.*got \(5,\)"),
         (torch.ones(0, 5), ValueError, "size 1 or more"),
@@ -211,9 +211,9 @@ def _without_image(sample: dict[str, Any]) -> dict[str, Any]:
         (Image.new("RGB", (4, 5)), TypeError, r"one band; got mode RGB.*convert\('L'\)"),
         (Image.new("LA", (4, 5)), TypeError, "one band; got mode LA"),
         (None, TypeError, "bool, integer or real"),
-        (np.array([[0, 3, 7]]), ValueError, r"0 and one other value without a threshold; got 3 beside 7.*mask == k"),
-        (np.array([[3, 7]], np.uint8), ValueError, "got 3 beside 7"),
-        (np.array([[0, -1, 7]]), ValueError, "got -1 beside 7"),
+        (np.array([[0, 3, 7]]), ValueError, r"0 and one other value, .*; got 3 values \(0, 3, 7\)\. Pass mask == 3"),
+        (np.array([[3, 7]], np.uint8), ValueError, r"got 2 values \(3, 7\)"),
+        (np.array([[0, -1, 7]]), ValueError, r"got 3 values \(-1, 0, 7\)"),
     ],
 )
 def test_wrong_masks(mask: Any, error: type[Exception], words: str) -> None:

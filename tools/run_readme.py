@@ -3,7 +3,7 @@
 Run by `make dist-check`:
 
     python tools/run_readme.py core  # after `pip install torchlinf`: the first example; the command names its extra
-    python tools/run_readme.py all   # with the extras cli, plot and metrics: every example, and every command
+    python tools/run_readme.py all   # with the extras cli, plot, metrics and report: every example, and every command
 """
 
 import doctest

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any, Unpack
 
 import numpy as np
+import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
@@ -15,7 +16,7 @@ __all__ = ["complexity_table"]
 
 Box = tuple[slice, ...]
 LARGEST = 2**20  # find_objects makes a list as long as the largest label; beyond this, renumbering costs less
-COLUMNS = ("label", "radius", "touches_border", "field_error_bound", "seconds", "version", "measure")
+COLUMNS = ("label", "radius", "touches_border", "error_bound", "field_error_bound", "seconds", "version", "measure")
 
 
 @takes(MeasureOptions)
@@ -54,6 +55,8 @@ def complexity_table(
         - "radius": int64, largest chessboard distance to the outside of the object, pixels.
         - "complexity", or the names of `windows`: float64, bits (or share, for "std"). A box has exactly 0.0.
         - "touches_border": bool, whether the object reaches the border of the map, so that part of it may be cut off.
+        - "error_bound": float64, how far any of the object's complexities can be from that of the exact field, proven;
+          see `ComplexityProfile.error_bound`.
         - "field_error_bound": float64, the certified relative error of the object's field.
         - "seconds": float64, the time that the object took.
         - "version" and "measure": the version of torchlinf and `Measure.settings()`, in every row, so that rows of
@@ -108,6 +111,7 @@ def complexity_table(
         "radius": profile.radius.numpy(),
         **{name: profile.mean(*ends).numpy() for name, ends in windows.items()},
         "touches_border": np.array([_touches(box, labels.shape) for box in boxes.values()], dtype=np.bool_),
+        "error_bound": torch.stack([profile.error_bound(*ends) for ends in windows.values()]).amax(dim=0).numpy(),
         "field_error_bound": profile.field_error_bound.numpy(),
         "seconds": profile.seconds.numpy(),
         "version": np.full(len(objects), __version__),

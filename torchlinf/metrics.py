@@ -162,14 +162,14 @@ class ShapeComplexity(Metric):
         if not self.include_background:
             masks, counted = masks[:, 1:], counted[:, 1:]
         classes = counted.nonzero()[:, 1]  # (N,)
-        levels = {name: value for name, value in self.measure.options().items() if name in LEVEL_OPTIONS}
+        levels = self.measure.options(LevelOptions)
         profile = complexity_profile(masks[counted], spatial_ndim=masks.ndim - 2, **levels)
         values = torch.stack([profile.mean(*ends) for ends in self.measure.named_windows().values()])  # (W, N)
         blank = profile.radius == 0
         whole = (values.masked_fill(blank, 0.0) * UNIT).round().long()
-        self.total.index_add_(1, classes, whole.to(self.total.device))
-        self.num_shapes.index_add_(0, classes, (~blank).long().to(self.num_shapes.device))
-        self.num_empty.index_add_(0, classes, blank.long().to(self.num_empty.device))
+        self.total.index_add_(1, classes.to(self.total.device), whole.to(self.total.device))
+        self.num_shapes.index_add_(0, classes.to(self.num_shapes.device), (~blank).long().to(self.num_shapes.device))
+        self.num_empty.index_add_(0, classes.to(self.num_empty.device), blank.long().to(self.num_empty.device))
 
     def set_dtype(self, dst_type: str | torch.dtype) -> "ShapeComplexity":
         """Nothing to do: the states are whole numbers, exact in any precision, and stay so."""
@@ -204,9 +204,6 @@ class ShapeComplexity(Metric):
         for one in [axes] if hasattr(axes, "set_ylabel") else cast("Sequence[Any]", axes):
             one.set_ylabel(f"complexity ({self.measure.unit})")
         return figure, axes
-
-
-LEVEL_OPTIONS = LevelOptions.__optional_keys__
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from PIL.Image import Image
 from torch import Tensor
 
 from torchlinf._checks import flag, number_of_axes, number_or_none, real_dtype
+from torchlinf._inside import UnclearMaskError, find_inside, text
 from torchlinf.measure import Measure, MeasureOptions, ragged_profile, takes
 from torchlinf.samplers import ComplexitySampler
 
@@ -26,10 +27,10 @@ class ShapeComplexityScore:
     that were tried; rotations and rescaling change it a little.
 
     Args:
-        threshold: what is inside. A number for everything grey: inside is what is greater. None for masks: floating
-            point must hold 0 and 1, and integers (images of 0 and 255, palettes) 0 and one other value, which is
-            inside. A label map has several; pass `labels == k` for one object, or threshold=0 for all of them as one
-            shape.
+        threshold: what is inside. A number: inside is what is greater. None decides by the rule of `torchlinf score`,
+            over the whole batch: of 0 and one other value that value; of a negative and a positive value the positive
+            one; of grey uint8 and uint16 what lies above half of the type's range; of numbers from 0 to 1 what lies
+            above 0.5. A label map raises; pass `labels == k` for one object, or `labels != 0` for all as one shape.
         spatial_ndim: that many last dimensions are spatial, all others are batch; 2 for images, 3 for volumes.
         dtype: of the result; None means float64, in which it is always computed.
         {measure options}
@@ -115,10 +116,15 @@ class ShapeComplexityScore:
             )
         if mask.dtype.kind == "f" and bool(np.isnan(mask).any()):
             raise ValueError("mask must hold no NaN; got some. Replace it, for example by np.nan_to_num.")
-        inside: NDArray[np.bool_] = mask != 0 if self.threshold is None else mask > self.threshold
-        if self.threshold is None and mask.dtype.kind != "b":
-            _check_two_values(mask, inside)
-        return inside
+        if self.threshold is not None:
+            return mask > self.threshold
+        try:
+            return find_inside(mask)[0]
+        except UnclearMaskError as error:
+            raise ValueError(
+                f"mask must be of 0 and one other value, grey, or from 0 to 1, without a threshold; got {error}. Pass "
+                f"mask == {text(error.example)} for one label, mask != 0 for all, threshold=... for other numbers."
+            ) from error
 
 
 @takes(MeasureOptions)
@@ -133,8 +139,8 @@ class ShapeComplexityScored:
         postfix: the score of the mask `key` is stored as `{key}_{postfix}`. With `windows` there is one score a window,
             stored as `{key}_{name of the window}`, and the postfix is not used.
         allow_missing_keys: if True, keys that a sample does not have are passed over.
-        threshold: what is inside. A number for everything grey: inside is what is greater. None for masks: floating
-            point must hold 0 and 1, and integers 0 and one other value, which is inside.
+        threshold: what is inside. A number: inside is what is greater. None decides by the rule of `torchlinf score`;
+            see `ShapeComplexityScore`.
         spatial_ndim: that many last dimensions are spatial, all others are batch; 2 for images, 3 for volumes.
         dtype: of the scores; None means float64.
         {measure options}
@@ -204,22 +210,6 @@ def _keys(keys: str | Sequence[str]) -> tuple[str, ...]:
     if not names:
         raise ValueError("keys must name one mask or more; got none. Pass for example 'mask'.")
     return tuple(names)
-
-
-def _check_two_values(mask: NDArray[Any], inside: NDArray[np.bool_]) -> None:
-    """Raise if a mask without a threshold is grey or a label map: what is inside would be a guess."""
-    values = mask[inside]
-    largest = values.max() if values.size else 1
-    if mask.dtype.kind == "f" and not bool((values == 1).all()):
-        raise ValueError(
-            f"mask of floating point must hold only 0 and 1 without a threshold; got {values[values != 1][0]}. "
-            "Pass threshold=0.5."
-        )
-    if mask.dtype.kind != "f" and not bool((values == largest).all()):
-        raise ValueError(
-            f"mask of integers must hold 0 and one other value without a threshold; got {values.min()} beside "
-            f"{largest}. Pass threshold=127 for grey images, mask == k for one label, threshold=0 for all labels."
-        )
 
 
 def _array(mask: Tensor | ArrayLike | Image) -> NDArray[Any]:

@@ -43,21 +43,21 @@ def warm_up() -> float:
 
 def _call_everything() -> None:
     """Solve small shapes in 1 to 4 dimensions, with all that is compiled."""
-    generator = torch.Generator().manual_seed(0)
+    generator = torch.Generator("cpu").manual_seed(0)
     for sides in SIDES:
         ndim = len(sides)
-        mask = torch.rand(sides, generator=generator) < 0.97
+        mask = torch.rand(sides, generator=generator, device="cpu") < 0.97
         complexity(mask, spatial_ndim=ndim)
         complexity(mask, estimator="std", spatial_ndim=ndim)
         chessboard_distance(mask, spatial_ndim=ndim)
-        rho = torch.tensor(5.0, requires_grad=True)
+        rho = torch.tensor(5.0, device="cpu", requires_grad=True)
         linf_field(mask, rho=rho, spatial_ndim=ndim).sum().backward()
         small = tuple(slice(12) for _ in sides)
-        grey = torch.rand(sides, generator=generator)[small].requires_grad_()
+        grey = torch.rand(sides, generator=generator, device="cpu")[small].requires_grad_()
         soft_complexity(grey, spatial_ndim=ndim).backward()
         if ndim == 2:
-            grey = torch.rand((1, 1, 12, 14), generator=generator).requires_grad_()
-            ShapeComplexityLoss()(grey, torch.ones(1, 1, 12, 14)).backward()
+            grey = torch.rand((1, 1, 12, 14), generator=generator, device="cpu").requires_grad_()
+            ShapeComplexityLoss()(grey, torch.ones_like(grey)).backward()
     y, x = np.mgrid[:LARGE, :LARGE]
     complexity(torch.from_numpy((x - 100) ** 2 + (y - 90) ** 2 > 900), spatial_ndim=2)
     _solve_large_component()

@@ -27,12 +27,12 @@ DRAWS = 4000
 Numbers = NDArray[np.float64]
 
 
-def paper_means() -> dict[str, tuple[float, ...]]:
-    """The paper's table by its rows, from the gallery page, where it stands."""
+def paper_table(name: str) -> dict[str, tuple[float, ...]]:
+    """A table of the paper by its rows, from the gallery page, where it stands: "PAPER_MEANS" or "PAPER_STDS"."""
     for node in ast.parse(PAGE.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "PAPER":
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == name:
             return ast.literal_eval(node.value)
-    raise AssertionError("the page holds no PAPER")
+    raise AssertionError(f"the page holds no {name}")
 
 
 def taus(assumptions: Assumptions, measure: str, sets: int) -> Numbers:
@@ -67,12 +67,16 @@ def _profiles(assumptions: Assumptions, sets: int) -> list[list[ComplexityProfil
 def _measured(profile: ComplexityProfile, measure: str) -> ComplexityProfile:
     if measure == "at":
         return profile
-    return replace(profile, values=torch.stack([profile.mean(0.0, t) for t in SCALES]))
+    means, bounds = (torch.stack([of(0.0, t) for t in SCALES]) for of in (profile.mean, profile.error_bound))
+    # As the levels of a shape of that many levels, so that each mean has its own error bound.
+    size = torch.tensor(len(SCALES))
+    scales = torch.arange(1, len(SCALES) + 1, dtype=torch.float64) / size
+    return replace(profile, scales=scales, values=means, radius=size, level_values=means, level_error_bound=bounds)
 
 
 @dataclass(frozen=True)
 class Fit:
-    """How far the means are from the paper's, and how far those of the same data would be by chance.
+    """How far a table is from the paper's, and how far that of the same data would be by chance.
 
     Attributes:
         mean: |difference|, mean over the table.
@@ -92,19 +96,35 @@ class Fit:
         return self.mean <= self.limit
 
 
-def fit(tau: Numbers, paper: Numbers) -> Fit:
+def fit_means(tau: Numbers, paper: Numbers) -> Fit:
     """Compare means, and draw papers and repetitions from our data sets to see what chance does."""
-    apart = np.abs(tau.mean(axis=0) - paper)
-    papers, ours = (_redrawn(tau, size, seed) for seed, size in enumerate((PAPER_SETS, len(tau))))
-    chance = np.abs((papers @ _flat(tau)).round(2) - ours @ _flat(tau)).mean(axis=1)
+    papers, ours = (redrawn_means(tau, size, seed) for seed, size in enumerate((PAPER_SETS, len(tau))))
+    return _fit(tau.mean(axis=0), paper, papers, ours)
+
+
+def fit_stds(tau: Numbers, paper: Numbers) -> Fit:
+    """The same of the standard deviations."""
+    papers, ours = (redrawn_stds(tau, size, seed) for seed, size in enumerate((PAPER_SETS, len(tau))))
+    return _fit(tau.std(axis=0, ddof=1), paper, papers, ours)
+
+
+def _fit(found: Numbers, paper: Numbers, papers: Numbers, ours: Numbers) -> Fit:
+    """`papers` and `ours` are tables that chance would make: (draws, rows, scales)."""
+    apart = np.abs(found - paper)
+    chance = np.abs(papers.round(2) - ours).mean(axis=(1, 2))
     return Fit(apart.mean(), apart.max(), chance.mean(), np.quantile(chance, 0.95))
 
 
-def redrawn_stds(tau: Numbers) -> Numbers:
-    """Standard deviations that papers of 50 data sets would report: (draws, rows, scales)."""
-    weights = _redrawn(tau, PAPER_SETS, seed=2)
+def redrawn_means(tau: Numbers, size: int, seed: int) -> Numbers:
+    """Means that papers of `size` data sets would report: (draws, rows, scales)."""
+    return (_redrawn(tau, size, seed) @ _flat(tau)).reshape(-1, *tau.shape[1:])
+
+
+def redrawn_stds(tau: Numbers, size: int = PAPER_SETS, seed: int = 2) -> Numbers:
+    """Standard deviations that papers of `size` data sets would report: (draws, rows, scales)."""
+    weights = _redrawn(tau, size, seed)
     variance = weights @ _flat(tau) ** 2 - (weights @ _flat(tau)) ** 2
-    unbiased = variance.clip(min=0) * PAPER_SETS / (PAPER_SETS - 1)
+    unbiased = variance.clip(min=0) * size / (size - 1)
     return np.sqrt(unbiased).reshape(-1, *tau.shape[1:])
 
 

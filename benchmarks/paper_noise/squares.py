@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchlinf._boxes import bounding_box
-from torchlinf.shapes.noise import boundary_of, closed, random_patches
+from torchlinf.shapes.noise import around, boundary_of, closed, drawn, outwards, random_patches
 
 FACTORS = (1, 2, 3, 4, 5, 6)
 
@@ -22,17 +22,17 @@ class Assumptions:
 
     Attributes:
         side: of the square, in pixels.
-        lines: what a length L means: "both" reach L to both sides of their middle; "half" are L long in all;
-            "outwards" reach L to the side that leads away from the middle of the square.
-        closing: "last", or "always" for one after every addition.
+        lines: where lines of length L lead: "outwards" away from the middle of the square; "to the nearer end" of the
+            run of inside pixels that holds theirs; "both" L to both sides; "half" to both, L long in all.
+        closing: "always" for one after every addition, or "last".
         boundary: "present" places an addition on the outline as it is by then, "first" on that of the square.
         growing: True for a square with 100 additions that has grown from the one with 50, False for one made afresh.
         counts: numbers of additions, ascending.
     """
 
-    side: int = 200
-    lines: str = "both"
-    closing: str = "last"
+    side: int = 160
+    lines: str = "outwards"
+    closing: str = "always"
     boundary: str = "present"
     growing: bool = False
     counts: tuple[int, ...] = (50, 100, 150, 200)
@@ -57,17 +57,17 @@ def seed_of(number: int, factor: int, count: int) -> int:
 def _after_each(assumptions: Assumptions, factor: int, counts: Sequence[int], seed: int) -> list[Tensor]:
     """One square as it is after each count of additions."""
     canvas = np.pad(np.ones((assumptions.side, assumptions.side), dtype=np.bool_), 30 * (factor + 1))
-    boundary, middle, found = boundary_of(canvas), (len(canvas) - 1) / 2, []
+    boundary, found = boundary_of(canvas), []
     for i, (place, lengths) in enumerate(random_patches(factor, counts[-1], seed), start=1):
         candidates = np.flatnonzero(boundary)
         row, column = divmod(int(candidates[int(place * len(candidates))]), len(canvas))
-        patch = _patch(lengths, assumptions.lines, (column > middle, row > middle))
-        # Closing reaches further than the patch by less than its square, and the boundary by one pixel more.
-        reach = len(patch) // 2 + (factor if assumptions.closing == "always" else 0)
-        near, inner = (_around(row, column, reach + more) for more in (factor + 1, 0))
-        canvas[_around(row, column, len(patch) // 2)] |= patch
+        patch = _patch(lengths, assumptions.lines, canvas, row, column)
+        half, frame = len(patch) // 2, factor + 1
+        near = around(row, column, half + 2 * frame)
+        canvas[around(row, column, half)] |= patch
         if assumptions.closing == "always":
-            canvas[inner] |= closed(canvas[near], factor)[factor + 1 : -factor - 1, factor + 1 : -factor - 1]
+            filled = closed(canvas[near], factor)[frame:-frame, frame:-frame]
+            canvas[around(row, column, half + frame)] = filled
         if assumptions.boundary == "present":
             boundary[near][1:-1, 1:-1] = boundary_of(canvas[near])[1:-1, 1:-1]
         if i in counts:
@@ -75,21 +75,27 @@ def _after_each(assumptions: Assumptions, factor: int, counts: Sequence[int], se
     return found
 
 
-def _patch(lengths: NDArray[np.int64], lines: str, positive: tuple[bool, bool]) -> Mask:
-    """Lines of lengths (2, width) in x and in y; outwards is to larger coordinates where `positive`."""
-    width = lengths.shape[1]
-    reach = max(width // 2, int(lengths.max(initial=0)))
-    along = np.arange(-reach, reach + 1)
-    start = reach - max(width - 1, 0) // 2
-    patch = np.zeros((2, 2 * reach + 1, 2 * reach + 1), dtype=np.bool_)
-    for i in range(2):
-        limits = (lengths[i] - 1) / 2 if lines == "half" else lengths[i]
-        drawn = np.abs(along) <= limits[:, None]
-        if lines == "outwards":
-            drawn &= (along >= 0) if positive[i] else (along <= 0)
-        patch[i, start : start + width] = drawn
-    return patch[0] | patch[1].T
+def _patch(lengths: NDArray[np.int64], lines: str, canvas: Mask, row: int, column: int) -> Mask:
+    """The lines of one addition around the pixel at `row` and `column`."""
+    if lines == "outwards":
+        middle = (len(canvas) - 1) / 2
+        return drawn(lengths, (outwards(column, middle), outwards(row, middle)))
+    if lines == "to the nearer end":
+        return drawn(lengths, (nearer_end(canvas[row], column), nearer_end(canvas[:, column], row)))
+    if lines == "half":
+        lengths = (lengths - 1) // 2
+    return drawn(lengths, ((True, True), (True, True)))
 
 
-def _around(row: int, column: int, reach: int) -> tuple[slice, slice]:
-    return slice(row - reach, row + reach + 1), slice(column - reach, column + reach + 1)
+def nearer_end(line: Mask, place: int) -> tuple[bool, bool]:
+    """Whether lines along an axis reach to smaller coordinates, and to larger ones, from an inside pixel of its line.
+
+    They reach to the nearer end of the run of inside pixels, and to both if these are equally near.
+
+    >>> nearer_end(np.array([False, True, True, True, True, False]), 2)
+    (True, False)
+    """
+    before, after = np.flatnonzero(~line[:place]), np.flatnonzero(~line[place:])
+    below = place - int(before[-1]) if len(before) else place + 1
+    above = int(after[0]) if len(after) else len(line) - place
+    return below <= above, above <= below

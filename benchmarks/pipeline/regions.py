@@ -8,16 +8,14 @@ from sklearn.datasets import make_moons
 from torch import Tensor, nn
 
 from benchmarks.timing import Ratio, alternate, ratio
-from torchlinf import Measure, complexity_profile
 from torchlinf.regions import bounds_around, decision_region_complexity
-from torchlinf.regions.open_boundary import open_profile
 
 WIDTHS = (64, 256)
 
 
 @dataclass(frozen=True)
 class Answer:
-    """Of one network: milliseconds that it takes on the grid, and how many times as long the profiles take."""
+    """Of one network: milliseconds that it takes on the grid, and how many times as long the whole call takes."""
 
     width: int
     milliseconds: float
@@ -33,15 +31,16 @@ def run(resolution: int = 256, rounds: int = 7, widths: tuple[int, ...] = WIDTHS
 def _answer(width: int, resolution: int, rounds: int) -> Answer:
     points, classes = make_moons(300, noise=0.3, random_state=0)
     model = trained(width, torch.from_numpy(points).float(), torch.from_numpy(classes))
-    found = decision_region_complexity(model, bounds_around(points, eps=0.5), resolution=resolution)
+    bounds = bounds_around(points, eps=0.5)
+    found = decision_region_complexity(model, bounds, resolution=resolution)
     grid = torch.cartesian_prod(*found.axes).float()
     if not torch.equal(ask(model, grid).reshape(resolution, resolution) == 1, found.masks[1]):
         raise AssertionError("the grid must be the one that is measured")
     times = alternate(
         {
             "classifier": lambda: ask(model, grid),
-            "background": lambda: complexity_profile(found.masks, spatial_ndim=2),
-            "open": lambda: open_profile(found.masks, Measure()),
+            "background": lambda: decision_region_complexity(model, bounds, resolution=resolution),
+            "open": lambda: decision_region_complexity(model, bounds, resolution=resolution, boundary="open"),
         },
         rounds=rounds,
     )

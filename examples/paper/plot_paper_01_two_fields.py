@@ -2,10 +2,9 @@
 1. The field, and its Euclidean counterpart
 ===========================================
 
-The paper takes a screened equation, whose solution in the Euclidean plane is an old tool for smoothing shapes, and puts
-the infinity Laplacian, the largest plus the smallest neighbour minus twice the pixel, in the place of the Laplacian. It
-claims that the level lines change in kind: those of the usual field *v* become rounder inwards, as if every shape were
-on its way to a disc, while those of *f* stay locally flat, as if every shape were on its way to a square.
+The paper solves a screened equation with the infinity Laplacian: the largest plus the smallest neighbour minus twice
+the pixel. It shows the level curves beside those of the solution in L2, the usual Laplacian. It observes that the level
+curves of *f* become locally flat, and that in the other case the level sets get rounder.
 """
 
 # %%

@@ -2,10 +2,10 @@
 2. Appendages, and the scales at which they end
 ===============================================
 
-S0 is a square. S1 has a wide appendage on it, S2 a narrower one more, S3 a still narrower one more. The paper claims
-that an appendage counts up to one scale, the width of its contact as a share of the width of the body, and leaves no
-trace above it: 3/4 for the first, 1/2 for the second, 1/4 for the third. It also claims that its two measures of
-uniformity, entropy and standard deviation, tell the same story.
+S0 is a square. S1 has a wide appendage on it, S2 a narrower one more, S3 a still narrower one more. The paper says that
+an appendage counts up to one scale, the width of its contact as a share of the width of the body: 3/4 for the first,
+1/2 for the second, 1/4 for the third. Above it the fields are identical. It also observes that its two measures of
+uniformity, entropy and standard deviation, seem to behave alike with respect to scale.
 """
 
 # %%
@@ -16,6 +16,7 @@ uniformity, entropy and standard deviation, tell the same story.
 
 import matplotlib.pyplot as plt
 import numpy as np
+import torch
 
 import torchlinf
 from torchlinf import plot, shapes
@@ -33,6 +34,24 @@ for column, (name, mask) in zip(axes.T, family.items(), strict=True):
 fig.supxlabel("column (pixels)", fontsize=10)
 fig.supylabel("row (pixels)", fontsize=10)
 plt.show()
+
+# %%
+# What is measured, on S3, as a figure of the paper has it: level lines of *f* at 0.01, 0.3, 0.6 and 0.9 (black), and of
+# *t* at 0.2, 0.5 and 0.8 (dotted). Each dotted line crosses some black ones; the entropy of *f* on it says how many.
+# Near the middle the two agree, and the entropy is zero.
+
+mask = np.pad(family["S3"].numpy(), 4)
+f = torchlinf.linf_field(torch.from_numpy(mask), spatial_ndim=2).numpy()
+distance = torchlinf.chessboard_distance(torch.from_numpy(mask), spatial_ndim=2).numpy()
+entropies = torchlinf.complexity_profile(family["S3"], scales=[0.2, 0.5, 0.8], spatial_ndim=2).values.tolist()
+fig, ax = plt.subplots(figsize=(6, 4.2), layout="constrained")
+ax.contour(mask, levels=[0.5], colors="#999999", linewidths=0.8)
+ax.contour(f, levels=[0.01, 0.3, 0.6, 0.9], colors="black", linewidths=1)
+ax.contour(distance / 64, levels=[0.2, 0.5, 0.8], colors="tab:blue", linestyles="dotted", linewidths=1.6)
+ax.set(aspect="equal", ylim=(mask.shape[0], 0), xlabel="column (pixels)", ylabel="row (pixels)")
+ax.set_title("   ".join(f"t = {t}: {e:.2f} bits" for t, e in zip((0.2, 0.5, 0.8), entropies, strict=True)), fontsize=10)
+plt.show()
+assert entropies[0] > entropies[1] > entropies[2] == 0
 
 # %%
 # The two measures against scale. The earlier a shape comes in the row, the wider its line, so that lines on top of each
@@ -76,6 +95,22 @@ for estimator, rounding in (("entropy", 0.0), ("std", 1e-12)):
     print(f"{estimator:8} largest difference above the cutoffs: {max(abs(S1[48:]).max(), abs(S3 - S2)[16:].max()):.0e}")
 
 # %%
+# The fields themselves are identical above the cutoffs, up to the last digits of floating point: the largest difference
+# of *f* between two shapes at a pixel of the square whose scale is above the cutoff.
+
+CORNERS = {"S0": (0, 0), "S1": (0, 0), "S2": (48, 0), "S3": (48, 48)}  # where the square begins
+square = {
+    name: torchlinf.linf_field(family[name], spatial_ndim=2)[row : row + 128, column : column + 128]
+    for name, (row, column) in CORNERS.items()
+}
+t = torchlinf.chessboard_distance(family["S0"], spatial_ndim=2) / 64
+for one, other, cutoff in (("S0", "S1", 0.75), ("S1", "S2", 0.5), ("S1", "S3", 0.5), ("S2", "S3", 0.25)):
+    difference = (square[one] - square[other]).abs()
+    print(f"{one} and {other}: {difference[t > cutoff].max():.0e} above {cutoff}, {difference.max():.2f} below")
+    assert difference[t > cutoff].max() <= 1e-14
+    assert difference.max() > 0.2
+
+# %%
 # The entropy rises with every appendage, at every scale where it counts; so does the mean of either measure over these
 # scales.
 
@@ -88,6 +123,9 @@ LEVELS = {
     "S2": [2.35, 3.54, 3.71, 2.74, 3.33, 0],
     "S3": [3.08, 4.40, 3.71, 2.74, 3.33, 0],
 }
+for name, expected in {"S0": 0.0, "S1": 1.997, "S2": 3.308, "S3": 4.164}.items():
+    rims = torchlinf.complexity_profile(family[name], levels="rim", spatial_ndim=2)
+    assert abs(float(rims.mean(0.0, 0.25)) - expected) < 5e-4, "what docs/paper says of rims"
 print("level k (of 64)       1     11     17     33     48     49")
 for name, values in entropy.items():
     chosen = values[[0, 10, 16, 32, 47, 48]]

@@ -2,10 +2,10 @@
 3. Squares and discs of many sizes
 ==================================
 
-On a grid a square is a square at every size, and a disc is a staircase with ever more steps. The paper claims that
-squares of all sizes have complexity zero; that discs are ordered by their size, the larger the more complex, with a
-peak near 5 bits; that small discs, which can hardly be told from squares, are simple; and that a disc is above 3 bits
-on 75 % of its scales.
+On a grid a square is a square at every size, and a disc is a staircase with ever more steps. The paper says that
+squares of all sizes have complexity zero, and that discs are ordered by their size at all scales, the larger the more
+complex. The peak for the discs is close to 5 bits, and the smallest of them, of radius 64, is above 3 bits on 75 % of
+the scales. In the limit of small radii the disc becomes a cross, which has complexity zero.
 
 Run with ``--full`` for discs up to radius 1024.
 """
@@ -16,6 +16,7 @@ Run with ``--full`` for discs up to radius 1024.
 # one of radius 32 is round to the eye.
 
 import sys
+from itertools import combinations
 
 import matplotlib.pyplot as plt
 import torch
@@ -91,9 +92,10 @@ for side in (*range(1, 20), 64, 129, 300):
     assert (square.levels() == 0).all()
 
 # %%
-# **Discs are ordered by size** by their mean from radius 10 on. Scale by scale the order holds nearly everywhere: of
-# 100 scales the larger disc is below the smaller one at a few, by up to half a bit, most of them near the centre, where
-# a level is a handful of pixels. Among the smallest discs the order is another, since what their outline looks like
+# **Discs are ordered by size**, by their mean, from radius 10 on. Scale by scale the order holds nearly everywhere: for
+# any two of the radii below, the larger disc is below the smaller one at no more than 7 of 100 scales, by up to a bit,
+# most of them near the centre, where a level is a handful of pixels. Radii that are nearer to each other cross more
+# often: 160 and 192 at 12 scales. Among the smallest discs the order is another, since what their outline looks like
 # depends on the radius: they differ by less than one step of the staircase.
 
 growing = mean.diff() > 0
@@ -101,17 +103,19 @@ assert growing[RADII.index(10) :].all()
 falls = [RADII[i + 1] for i in (~growing).nonzero().flatten().tolist()]
 print("simpler than the next smaller one: radius", falls)
 assert falls == [3, 4, 5, 7, 8, 10]
-for small, large in ((16, 32), (32, 64), (64, 128), (128, 256)):
+crossings = {}
+for small, large in combinations((16, 32, 64, 96, 128, 192, 256), 2):
     difference = profiles[large].values - profiles[small].values
-    wrong = int((difference < 0).sum())
-    print(f"radius {large:3} against {small:3}: below at {wrong} of 100 scales, by {-float(difference.min()):.2f} bits")
-    assert wrong <= 4
-    assert float(difference.min()) > -0.5
+    crossings[small, large] = int((difference < 0).sum())
+    assert float(difference.min()) > -1
+print("scales of 100 at which the larger disc is the simpler one:", {k: v for k, v in crossings.items() if v})
+assert max(crossings.values()) == 7
+assert int((profiles[192].values < profiles[160].values).sum()) == 12
 
 # %%
-# **The peak is near 5** for discs of medium size only: it is 4.78 at radius 128 and 5.16 at 192, and goes on rising, to
-# 5.87 at 512. **75 % of the scales above 3 bits** fit one size, a radius of 64, of which it is 74 %; larger discs have
-# more, and below radius 32 there are none.
+# **The peak is close to 5** for radii from 128 (4.78) to 192 (5.16); it is 4.03 at radius 64, and goes on rising, to
+# 5.87 at 512. The paper does not say how large its discs were. **Radius 64 is above 3 bits on 74 % of its scales**;
+# larger discs have more, and below radius 32 there are none.
 
 print("radius      D   mean   peak (bits)   at scale   above 3 bits")
 for radius in (8, 16, 32, 64, 96, 128, 192, 256, 512):
@@ -123,7 +127,11 @@ assert [round(float(above[RADII.index(radius)]), 3) for radius in (32, 64, 128)]
 assert above[: RADII.index(32)].max() == 0
 
 # %%
-# **Small discs are simple**: up to radius 8 the mean is below one bit. Not all the way down, though: the disc of radius
-# 2 is a square with a pixel on each side, and as those are a third of its width, they count.
+# **The limit of small radii**: the disc of radius 1 is a cross, and zero. From radius 2 on the complexity is above
+# zero, and up to radius 8 its mean is below one bit.
 
-assert mean[: RADII.index(8) + 1].max() < 1
+cross = shapes.disc(1)
+print(cross.int())
+assert cross.int().tolist() == [[0, 1, 0], [1, 1, 1], [0, 1, 0]]
+assert float(torchlinf.complexity(cross, spatial_ndim=2)) == 0
+assert 0 < mean[: RADII.index(8) + 1].min() <= mean[: RADII.index(8) + 1].max() < 1

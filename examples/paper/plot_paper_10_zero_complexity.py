@@ -2,10 +2,10 @@
 Zero complexity, and the entropy of the pattern spectrum
 ========================================================
 
-Squares are not the only shapes of complexity zero. This page shows which others are, and compares the complexity with
-an older number that also has squares as its simplest shapes: the entropy of Maragos's pattern spectrum, with squares of
-growing size. The paper sets the two side by side; here both are computed exactly, to see where they agree and where
-they part.
+Squares are not the only shapes of complexity zero. The paper names shapes of constant width, and two equal squares that
+overlap or touch on a diagonal. One sentence of it adds that these have complexity zero in the framework of Maragos too,
+at the scale given by the largest square. This page shows shapes of complexity zero, and compares the complexity with
+the entropy of Maragos's pattern spectrum, with squares of growing size. The comparison is ours.
 
 Run with ``--full`` for noise on a larger square.
 """
@@ -74,10 +74,40 @@ gallery(repeated, columns=4)
 assert all(complexity(mask) == spectrum_entropy(mask) == 0 for mask in repeated.values())
 
 # %%
-# That is no rule. Below, the first two shapes consist of equal squares too, moved along no axis and no diagonal; their
-# spectrum has entropy zero, but the complexity sees the joint. On the other two the thickness falls from 64 pixels to
-# 63. The radius is 32 for both, and so the complexity is zero; for the spectrum there are two sizes. (Maragos enlarges
-# a block of 3 x 3 pixels, which gives the odd sides only. Then 63 and 64 are one size, and the last two are zero too.)
+# A T and a plus of constant width are zero too. They are what the paper describes: a rectangle with sides *a* < *b*,
+# and another one with a contact of width *a* on it.
+
+tee, plus = torch.zeros(64, 96, dtype=torch.bool), torch.zeros(96, 96, dtype=torch.bool)
+tee[:32] = tee[:, 32:64] = True
+plus[32:64] = plus[:, 32:64] = True
+gallery({"T": tee, "plus": plus}, columns=2)
+assert complexity(tee) == complexity(plus) == 0
+
+# %%
+# The paper says that its measure is consistent with a claim of Donderi: that the perceived complexity of two
+# overlapping shapes is the average of their dissimilarity and of the mean of their complexities. Squares have
+# complexity zero, so what remains is the dissimilarity. Here a square of 64 and a second one overlap, the middle of the
+# second at a corner of the first. Two equal squares give zero. Unequal ones do not; but the more unequal they are, the
+# smaller is the number, since a smaller square also counts on fewer scales.
+
+
+def corner_pair(small: int, side: int = 64) -> Tensor:
+    """A square, and a smaller one around its lower right corner."""
+    canvas = torch.zeros(side + small // 2, side + small // 2, dtype=torch.bool)
+    canvas[:side, :side] = True
+    canvas[side - small // 2 :, side - small // 2 :] = True
+    return canvas
+
+
+gallery({f"64 and {small}": corner_pair(small) for small in (64, 48, 32, 16)}, columns=4)
+assert [round(complexity(corner_pair(small)), 3) for small in (64, 48, 32, 16)] == [0, 0.784, 0.610, 0.169]
+
+# %%
+# That all of a shape is made of equal squares is no rule for zero. Below, the first two shapes consist of equal squares
+# too, moved along no axis and no diagonal; their spectrum has entropy zero, but the complexity sees the joint. On the
+# other two the thickness falls from 64 pixels to 63. The radius is 32 for both, and so the complexity is zero; for the
+# spectrum there are two sizes. (Maragos enlarges a block of 3 x 3 pixels, which gives the odd sides only. Then 63 and
+# 64 are one size, and the last two are zero too.)
 
 
 def squares(side: int, *corners: tuple[int, int]) -> Tensor:
@@ -103,7 +133,7 @@ assert complexity(step) == 0 < spectrum_entropy(step)
 # %%
 # The spectrum counts pixels, wherever they are. A square of 64 with four squares of 16 has one spectrum, whether these
 # are centred on its sides, flush with its corners, touching those corners or apart. The complexity is the same for the
-# first two, where the paper expects a difference, and lower for the others: where nothing is joined, the field bends
+# first two (on rims it is not), and lower for the others: where nothing is joined, the field bends
 # around no joint, and only differs from one square to the next.
 
 

@@ -1,10 +1,21 @@
 """The masks that a command is given."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import typer
 
 from torchlinf.scoring import SUFFIXES, Source, find_masks
+
+
+@contextmanager
+def reading_options() -> Iterator[None]:
+    """Options that contradict each other, as wrong usage."""
+    try:
+        yield
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
 
 
 def find_sources(paths: list[Path], members: str | None = None) -> list[Source]:

@@ -4,7 +4,7 @@ import inspect
 import re
 from collections.abc import Callable, Mapping
 from functools import wraps
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
@@ -29,9 +29,21 @@ OPTIONS: Mapping[str, Any] = {
         typer.Option("--bins", metavar="N", show_default="1024", help="Bins of the entropy, 1 to 2^20."),
     ],
     "estimator": Annotated[
-        Literal["entropy", "std"] | None,
+        str | None,
         typer.Option(
-            "--estimator", show_default="entropy", help="What a level is measured by: entropy (bits) or std (a share)."
+            "--estimator",
+            metavar="entropy|std",
+            show_default="entropy",
+            help="What a level is measured by: entropy (bits) or std (a share).",
+        ),
+    ],
+    "levels": Annotated[
+        str | None,
+        typer.Option(
+            "--levels",
+            metavar="distance|rim",
+            show_default="distance",
+            help="What a level is: all pixels of one distance, or the thinner rim of the paper's numbers.",
         ),
     ],
     "rho": Annotated[
@@ -41,6 +53,10 @@ OPTIONS: Mapping[str, Any] = {
     "tol": Annotated[
         float | None,
         typer.Option("--tol", metavar="E", show_default="1e-09", help="Relative error of every field."),
+    ],
+    "tol_bits": Annotated[
+        float | None,
+        typer.Option("--tol-bits", metavar="B", show_default="0", help="Bits that a level may be off; inf for any."),
     ],
 }
 
@@ -99,6 +115,6 @@ def _measure(options: dict[str, Any], windows: Mapping[str, tuple[float, float]]
     from torchlinf.scoring import score_measure
 
     try:
-        return score_measure(options, windows)
+        return score_measure(options, windows=windows)
     except (TypeError, ValueError) as error:
         raise typer.BadParameter(str(error)) from None

@@ -31,6 +31,15 @@ Threshold = Annotated[
     float | None,
     typer.Option("--threshold", "-t", metavar="T", help="Inside is what is greater, in the file's own units."),
 ]
+Label = Annotated[int | None, typer.Option("--label", metavar="N", help="Inside is what has this label.")]
+Nonzero = Annotated[bool, typer.Option("--nonzero", help="Inside is what is not 0: all labels of a map as one shape.")]
+Labels = Annotated[bool, typer.Option("--labels", help="A row for each label of a map but 0, as map.png#15.")]
+Ignore = Annotated[
+    list[int] | None,
+    typer.Option("--ignore", metavar="N", help="A value that is outside of everything, as the void 255. Repeatable."),
+]
+Volume = Annotated[bool, typer.Option("--volume", help="Three axes, or pages of a TIFF, are one volume (D, H, W).")]
+Stack = Annotated[bool, typer.Option("--stack", help="Three axes, or pages of a TIFF, are masks, a row each.")]
 Invert = Annotated[bool, typer.Option("--invert", "-i", help="Swap inside and outside, for dark shapes.")]
 Ray = Annotated[
     str | None,

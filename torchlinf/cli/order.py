@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from torchlinf.cli.inputs import find_sources
+from torchlinf.cli.inputs import find_sources, reading_options
 from torchlinf.cli.measure_options import takes_measure
-from torchlinf.cli.options import AsJson, Invert, MaxPixels, Paths, Threshold
+from torchlinf.cli.options import AsJson, Ignore, Invert, Label, MaxPixels, Nonzero, Paths, Threshold, Volume
 from torchlinf.cli.outputs import endings
 from torchlinf.cli.pictures import check_picture, pictures, save_picture, title
 from torchlinf.scoring import MAX_PIXELS, RULE, Source
@@ -31,7 +31,7 @@ WINDOWS = {"complexity_low": (0.0, 0.25), "complexity": (0.0, 1.0)}
 
 EPILOG = f"""{RULE}
 
-Columns: path, rank, the mean over each window, equal, above (the next steps up), incomparable, radius,
+Columns: path, rank, the mean over each window, equal, above (the next steps up), incomparable, radius, error_bound,
 field_error_bound, seconds, version, measure. Without --window, --low and --high the windows are complexity_low=0-0.25
 and complexity=0-1.
 
@@ -51,6 +51,10 @@ def order(
     ] = False,
     as_json: AsJson = False,
     threshold: Threshold = None,
+    label: Label = None,
+    nonzero: Nonzero = False,
+    ignore: Ignore = None,
+    volume: Volume = False,
     invert: Invert = False,
     max_pixels: MaxPixels = MAX_PIXELS,
     measure: "Measure",
@@ -58,17 +62,18 @@ def order(
     """Order masks: one is above another if some window says so, and none says the contrary.
 
     Prints one row a mask: a table on a terminal, CSV into a pipe. A file that cannot be used is named on standard
-    error, and the rest go on. Values that are equal within the certified error of their fields count as equal.
+    error, and the rest go on. Values whose proven intervals meet count as equal.
     """
     with endings(None), nullcontext() if plot is None else pictures("torchlinf order --plot"):
         from torchlinf.order import dominance
         from torchlinf.scoring import ScoreOptions
 
+        with reading_options():
+            options = ScoreOptions(threshold, invert, max_pixels, None, measure, label, nonzero, ignore or (), volume)
         sources = find_sources(paths)
         if plot is not None:
             check_picture(plot, sources, MAX_DRAWN)
         masks: dict[str, NDArray[np.bool_]] = {}  # stays empty without a picture: many masks need much memory
-        options = ScoreOptions(threshold, invert, max_pixels, measure=measure)
         profiles = _solve(sources, options, None if plot is None else masks)
         if profiles:
             graph = dominance(profiles, windows=measure.named_windows(), every_scale=every_scale)

@@ -58,6 +58,7 @@ def order_rows(order: "DiGraph", profiles: Profiles) -> Iterator[Row]:
                     "above": above,
                     "incomparable": apart[node],
                     "radius": profile.radius.item(),
+                    "error_bound": max(profile.error_bound(*ends).item() for ends in windows.values()),
                     "field_error_bound": profile.field_error_bound.item(),
                     "seconds": round(profile.seconds.item(), 6),
                     "version": __version__,

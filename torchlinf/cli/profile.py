@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torchlinf.cli.inputs import find_sources
+from torchlinf.cli.inputs import find_sources, reading_options
 from torchlinf.cli.measure_options import takes_measure
-from torchlinf.cli.options import Invert, MaxPixels, Paths, Threshold
+from torchlinf.cli.options import Ignore, Invert, Label, MaxPixels, Nonzero, Paths, Threshold, Volume
 from torchlinf.cli.outputs import STATUS, endings, fail
 from torchlinf.cli.pictures import check_picture, pictures, save_picture, title
 from torchlinf.scoring import MAX_PIXELS, RULE
@@ -29,6 +29,10 @@ def profile(
     *,
     plot: Annotated[Path, typer.Option("--plot", "-p", metavar="FILE", help="The picture to write: PNG, SVG or PDF.")],
     threshold: Threshold = None,
+    label: Label = None,
+    nonzero: Nonzero = False,
+    ignore: Ignore = None,
+    volume: Volume = False,
     invert: Invert = False,
     max_pixels: MaxPixels = MAX_PIXELS,
     measure: "Measure",
@@ -39,14 +43,16 @@ def profile(
         from rich.console import Console
 
         from torchlinf.plot import overview
-        from torchlinf.scoring import UnreadableMaskError, read_source
+        from torchlinf.scoring import ScoreOptions, UnreadableMaskError, read_inside
 
+        with reading_options():
+            options = ScoreOptions(threshold, invert, max_pixels, None, measure, label, nonzero, ignore or (), volume)
         sources = find_sources(paths)
         check_picture(plot, sources, MAX_DRAWN)
         masks: dict[str, Tensor] = {}
         for source in sources:
             try:
-                inside = read_source(source, threshold=threshold, invert=invert, max_pixels=max_pixels)
+                inside = read_inside(source, options.reading).inside
                 if not inside.any():
                     raise UnreadableMaskError("no foreground: no pixel is inside")
                 masks[title(source, sources)] = torch.from_numpy(inside)

@@ -77,6 +77,9 @@ def report(
 def _progress() -> Iterator[Callable[[int, int], None]]:
     columns = (TextColumn("reading masks"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    if not console.is_terminal:  # a disabled Progress of rich before 14.3 prints an empty line
+        yield lambda done, total: None
+        return
+    with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("reading masks", total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)

@@ -1,25 +1,32 @@
 """`torchlinf score`: a table of masks."""
 
 import os
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
 import typer
 
-from torchlinf.cli.inputs import find_sources
+from torchlinf.cli.inputs import find_sources, reading_options
 from torchlinf.cli.measure_options import takes_measure
 from torchlinf.cli.options import (
     AsJson,
+    Ignore,
     Invert,
+    Label,
+    Labels,
     MaxPixels,
     Members,
+    Nonzero,
     Out,
     Overwrite,
     Paths,
     Ray,
     Retry,
+    Stack,
     Threshold,
+    Volume,
     Workers,
 )  # fmt: skip
 from torchlinf.cli.outputs import STATUS, check_out, end_if_failed, endings, refuse_source
@@ -45,6 +52,12 @@ def score(
     overwrite: Overwrite = False,
     retry: Retry = False,
     threshold: Threshold = None,
+    label: Label = None,
+    labels: Labels = False,
+    nonzero: Nonzero = False,
+    ignore: Ignore = None,
+    stack: Stack = False,
+    volume: Volume = False,
     invert: Invert = False,
     members: Members = None,
     workers: Workers = None,
@@ -59,9 +72,12 @@ def score(
     Ctrl-C, a kill or a full disk, the same command goes on where it was. Masks whose rows are in the table already are
     not scored again.
     """
-    from torchlinf.scoring import ScoreOptions, open_table, score_masks
+    from torchlinf.scoring import ScoreOptions, open_table, score_groups
 
-    options = ScoreOptions(threshold, invert, max_pixels, members, measure)
+    with reading_options():
+        options = ScoreOptions(
+            threshold, invert, max_pixels, members, measure, label, nonzero, ignore or (), volume, labels, stack
+        )
     if ray is not None:
         from torchlinf.cli.score_on_ray import score_on_ray
 
@@ -75,17 +91,27 @@ def score(
         sources = find_sources(paths, members)
         refuse_source(out, sources)
         with open_table(out, as_json=as_json, resume=not overwrite, retry=retry, **options.measuring) as put:
-            new = [source for source in sources if source.name not in put.done]
-            failed += sum(put.done.get(source.name) is not None for source in sources)
+            done = _sources_of(put.done) if labels or stack else put.done
+            new = [source for source in sources if source.name not in done]
+            failed += sum(done.get(source.name) is not None for source in sources)
             if before := len(sources) - len(new):
                 typer.echo(f"{before} of {len(sources)} masks are in {out} already.", err=True)
-            rows = score_masks(new, workers=workers or _cores(), **options.reading, **options.measuring)
-            with closing(rows), _progress(before, len(sources), shown=out is not None or not as_json) as advance:
-                for row in rows:
-                    put(row)
-                    failed += row.error is not None
+            groups = score_groups(new, options, workers=workers or _cores())
+            with closing(groups), _progress(before, len(sources), shown=out is not None or not as_json) as advance:
+                for rows in groups:
+                    put(*rows)
+                    failed += any(row.error is not None for row in rows)
                     advance()
     end_if_failed(failed, len(sources), "" if out is None or retry else " --retry scores them again.")
+
+
+def _sources_of(done: Mapping[str, str | None]) -> dict[str, str | None]:
+    """The sources of rows that are named by a page and a label, as stack.npy[3]#15, and the last error of each."""
+    names: dict[str, str | None] = {}
+    for name, error in done.items():
+        source = re.sub(r"(\[\d+\])?(#\d+)?$", "", name, count=1)
+        names[source] = names.get(source) or error
+    return names
 
 
 def _cores() -> int:
@@ -100,6 +126,9 @@ def _progress(done: int, total: int, shown: bool) -> Iterator[Callable[[], None]
 
     columns = (TextColumn("scoring"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not (shown and console.is_terminal)) as progress:
+    if not (shown and console.is_terminal):  # a disabled Progress of rich before 14.3 prints an empty line
+        yield lambda: None
+        return
+    with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("scoring", total=total, completed=done)
         yield lambda: progress.advance(task)

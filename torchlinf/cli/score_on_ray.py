@@ -4,6 +4,7 @@ import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import asdict
 from pathlib import Path
 
 import typer
@@ -37,7 +38,7 @@ def score_on_ray(
     if not shards:
         raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}")
     parts: list[Part] = []
-    chosen = {**options.reading, **options.measuring, "members": options.members}
+    chosen = {**asdict(options.reading), **options.measuring, "members": options.members}
     try:
         with _quiet(), connected(address, workers=workers), progress(0, len(shards), True) as advance:
             for part in score_shards(shards, out, **chosen):

@@ -1,5 +1,6 @@
 """Where a part may be cut: candidates for `torchlinf.decompose`, each a label map of the pieces."""
 
+import math
 from collections.abc import Callable, Iterator
 from itertools import groupby
 from typing import TypeAlias
@@ -36,7 +37,7 @@ def openings(mask: Mask, measure: Measure) -> Iterator[Cut]:
                [1, 1, 1, 0]], dtype=int32)
     """
     inside = torch.from_numpy(np.ascontiguousarray(mask))
-    options = {**measure.options(), "estimator": "entropy"}
+    options = {**measure.options(), "estimator": "entropy", "tol_bits": math.inf}  # shares only rank the cuts
     share = complexity_map(inside, spatial_ndim=mask.ndim, **options).numpy()
     radius = int(chessboard_distance(inside, spatial_ndim=mask.ndim).max())
     for k in np.unique(np.geomspace(1, radius, SIDES).round().astype(int)).tolist():

@@ -8,7 +8,7 @@ from torchlinf.field.certificate import RESOLUTION, ROUNDING, certify
 from torchlinf.field.distance import chessboard_distance
 from torchlinf.field.erosions import soft_distance_of
 from torchlinf.field.methods import METHODS, solve_shape, uses_kernels
-from torchlinf.field.problem import pose
+from torchlinf.field.problem import Problem, pose
 from torchlinf.field.soft import (
     as_probability,
     length_of,
@@ -27,6 +27,7 @@ __all__ = [
     "RESOLUTION",
     "ROUNDING",
     "FieldSolution",
+    "Problem",
     "Status",
     "as_probability",
     "certify",

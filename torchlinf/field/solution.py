@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import IntEnum
 
-import torch
+import numpy as np
 from torch import Tensor
 
 MAX_NAMED = 8  # shapes that the message of a failure names
@@ -74,7 +74,7 @@ def raise_failures(
         return
     named = []
     for i in failed[:MAX_NAMED]:
-        place = tuple(int(index) for index in torch.unravel_index(torch.tensor(i), batch_shape)) if batch_shape else ()
+        place = tuple(int(index) for index in np.unravel_index(i, batch_shape)) if batch_shape else ()
         bound, sweeps = error_bound[i].item(), num_sweeps[i].item()
         named.append(f"{place}: {Status(int(status[i])).name}, error bound {bound:.2g} after {sweeps} sweeps")
     if len(failed) > MAX_NAMED:

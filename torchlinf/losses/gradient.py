@@ -22,10 +22,10 @@ def region_flip_gradient(
     high: float,
     bins: int,
     estimator: str,
+    levels: str,
     rho: float | None,
     tol: float,
-    levels: str = "distance",
-    tol_bits: float = 0.0,
+    tol_bits: float,
 ) -> tuple[Tensor, Tensor]:
     """Complexity (N,) of thresholded shapes (N, *spatial) and its finite-difference gradient, like them.
 
@@ -37,7 +37,8 @@ def region_flip_gradient(
         ValueError: a probability is not in [0, 1].
 
     Example:
-        >>> region_flip_gradient(torch.ones(1, 4, 6), 0.5, 16, False, 0.0, 1.0, 1024, "entropy", None, 1e-9)[0]
+        >>> options = 0.0, 1.0, 1024, "entropy", "distance", None, 1e-9, 0.0  # those of a `Measure`
+        >>> region_flip_gradient(torch.ones(1, 4, 6), 0.5, 16, False, *options)[0]
         tensor([0.])
     """
     on_cpu = probability.detach().cpu()

@@ -94,7 +94,7 @@ class ShapeComplexityLoss(nn.Module):
         ValueError: an argument has a wrong value, or the input a wrong shape or values outside [0, 1].
         RuntimeError: a field could not be solved to `tol`.
 
-    Source: the measure is that of Arslan and Tari, IEEE TIP 2020; the gradient is this library's, docs/regulariser.
+    Source: the measure is that of Arslan and Tari, IEEE TIP 2020; the gradient is this library's, docs/training.
 
     Example:
         >>> from torchlinf import shapes
@@ -189,9 +189,9 @@ class ShapeComplexityLoss(nn.Module):
             measure.high,
             measure.bins,
             measure.estimator,
+            measure.levels,
             measure.scalar_rho(),
             measure.tol,
-            measure.levels,
             measure.tol_bits,
         )
         counted = torch.ones_like(flat) if mask is None else mask.expand_as(probability).flatten(0, 1).to(flat)

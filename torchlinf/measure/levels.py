@@ -19,7 +19,7 @@ from torch import Tensor
 from torchlinf._boxes import bounding_box
 from torchlinf._checks import positive_tensor
 from torchlinf._parallel import for_each
-from torchlinf.field import ROUNDING, Status, pose, raise_failures, solve, solve_shape, uses_kernels
+from torchlinf.field import ROUNDING, Problem, Status, pose, raise_failures, solve, solve_shape, uses_kernels
 from torchlinf.kernels import has_compiler
 from torchlinf.measure.entropy import EDGE_SLACK, ESTIMATORS, entropy_bounds, std_bounds
 from torchlinf.measure.options import Measure
@@ -57,6 +57,17 @@ def levels_of(masks: Tensor, lead: tuple[int, ...], measure: Measure, method: st
     if uses_kernels(masks, method):
         arrays = masks.numpy()
         return levels_of_each(lambda i: arrays[i], len(arrays), lead, measure)
+    return solved_levels(masks, lead, measure, method)[2]
+
+
+def solved_levels(
+    masks: Tensor, lead: tuple[int, ...], measure: Measure, method: str = "auto"
+) -> tuple[Problem, Tensor, Levels]:
+    """The same in torch operations, with the problem and its field (N, *spatial), from which the levels are.
+
+    Raises:
+        RuntimeError: a field could not be certified.
+    """
     start = perf_counter()
     problem = pose(masks, measure.rho, lead)
     solved = solve(problem, lead, tol=measure.tol, method=method)
@@ -73,8 +84,9 @@ def levels_of(masks: Tensor, lead: tuple[int, ...], measure: Measure, method: st
         field, error = field.clone(), error.clone()
         field[doubtful[better]], error[doubtful[better]] = finer.value[better], finer.error_bound[better]
         values, bounds = level_values(field, problem.distance, radius, error, measure)
-    seconds = torch.full((len(masks),), (perf_counter() - start) / max(len(masks), 1), dtype=torch.float64)
-    return Levels(values, bounds, radius, error, seconds)
+    share = (perf_counter() - start) / max(len(masks), 1)
+    seconds = torch.full((len(masks),), share, dtype=torch.float64, device="cpu")
+    return problem, field, Levels(values, bounds, radius, error, seconds)
 
 
 def _tighter(measure: Measure) -> Iterator[float]:
@@ -133,7 +145,7 @@ def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: 
     for_each(solve_chunk, ceil(count / chunk))
     field_error_bound = torch.from_numpy(error)
     raise_failures(torch.from_numpy(status), field_error_bound, torch.from_numpy(sweeps), measure.tol, lead)
-    radius = torch.tensor([len(found) for found in values], dtype=torch.int64)
+    radius = torch.tensor([len(found) for found in values], dtype=torch.int64, device="cpu")
     flat, flat_bounds = (torch.from_numpy(np.concatenate([np.zeros(0), *parts])) for parts in (values, bounds))
     return Levels(flat, flat_bounds, radius, field_error_bound, torch.from_numpy(seconds))
 

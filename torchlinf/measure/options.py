@@ -129,12 +129,18 @@ class Measure:
                 raise TypeError(f"{name} is not an option here; got {name}={options[name]!r}. Pass {_listed(taken)}.")
         return cls(**options)
 
-    def options(self) -> dict[str, Any]:
-        """The options that are not at their defaults, as keywords."""
+    def options(self, kind: type = MeasureOptions) -> dict[str, Any]:
+        """The options of `kind` that are not at their defaults, as keywords.
+
+        >>> Measure(high=0.25, bins=64).options(LevelOptions)
+        {'bins': 64}
+        """
         return {
             field.name: getattr(self, field.name)
             for field in dataclasses.fields(self)
-            if getattr(self, field.name) is not field.default and getattr(self, field.name) != field.default
+            if field.name in names_of(kind)
+            and getattr(self, field.name) is not field.default
+            and getattr(self, field.name) != field.default
         }
 
     def settings(self) -> str:
@@ -144,8 +150,12 @@ class Measure:
         '{"low": 0.0, "high": 0.25, "windows": null, "bins": 1024, "estimator": "entropy", "levels": "distance",
         "rho": null, "tol": 1e-09, "tol_bits": 0.0}'
         """
-        rho = "one value a shape" if isinstance(self.rho, Tensor) else self.rho
-        return json.dumps({field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | {"rho": rho})
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        if isinstance(self.rho, Tensor):
+            values["rho"] = "one value a shape"
+        if math.isinf(self.tol_bits):
+            values["tol_bits"] = "inf"  # JSON has no infinity
+        return json.dumps(values)
 
     def named_windows(self, name: str = "complexity") -> dict[str, Window]:
         """The windows by name; `name` is that of the one window where `windows` is None."""

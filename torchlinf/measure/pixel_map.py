@@ -5,10 +5,10 @@ from typing import Unpack
 import torch
 from torch import Tensor
 
-from torchlinf._checks import as_mask, real_dtype
-from torchlinf.field import normalised, pose, solve
+from torchlinf._checks import as_mask, choice, real_dtype
+from torchlinf.field import METHODS, normalised
 from torchlinf.measure.entropy import bin_of
-from torchlinf.measure.levels import first_level
+from torchlinf.measure.levels import first_level, rim, solved_levels
 from torchlinf.measure.options import Measure, WindowOptions, takes
 from torchlinf.measure.profile import length_within
 
@@ -27,8 +27,10 @@ def complexity_map(
     The entropy of a level is the mean of the surprisal of its pixels, -log2 of the share of the level that falls into
     the pixel's bin. So a pixel's share is its surprisal, divided by the number of pixels of its level, times the part
     of the window (low, high] that belongs to the level; and the shares of all pixels add up to
-    `complexity(mask, low=low, high=high)`. A share is high where f differs from what it is at most pixels of the same
-    distance. The other estimator of `complexity`, the standard deviation, is no mean over pixels and has no such map.
+    `complexity(mask, low=low, high=high)`, a number known to `complexity_profile(mask).error_bound(low, high)`; where
+    that bound is 0 the two agree up to rounding. A share is high where f differs from what it is at most pixels of the
+    same distance. The other estimator of `complexity`, the standard deviation, is no mean over pixels and has no such
+    map.
 
     Args:
         mask: (B, C, *spatial), values 0 or 1, nonzero is inside; each (b, c) is one shape.
@@ -38,7 +40,8 @@ def complexity_map(
         {measure options}
 
     Returns:
-        Tensor like `mask`, bits per pixel, 0 or more: 0 outside, on uniform levels and on levels outside the window,
+        Tensor like `mask`, bits per pixel, 0 or more: 0 outside, on uniform levels and on levels outside the window
+        (with levels="rim" also on pixels of no rim),
         so exactly 0.0 all over for any axis-aligned box. NaN at every pixel for an empty shape, whose complexity is
         NaN: so the sum is right for every shape, and an empty one is not taken for a simple one. Not differentiable.
         Flips and axis swaps of a shape flip and swap its map; what else is in the batch does not change it.
@@ -65,20 +68,22 @@ def complexity_map(
             f'estimator must be "entropy" for a map; got {measure.estimator!r}, which is no mean over pixels. '
             "Leave estimator out."
         )
+    choice(method, ("auto", *METHODS), "method")
     real_dtype(dtype)
     shapes, lead = as_mask(mask, spatial_ndim)
-    problem = pose(shapes, measure.rho, lead)
-    field = normalised(solve(problem, lead, tol=measure.tol, method=method).value)  # (N, *spatial)
-    radius = problem.radius.long()
-    shape = shapes.nonzero()[:, 0]  # (pixels,) the shape that each inside pixel belongs to
-    number = problem.distance[shapes].long()  # (pixels,) the level k that it is on
+    problem, solution, levels = solved_levels(shapes, lead, measure, method)
+    field, radius = normalised(solution), levels.radius
+    distance = rim(problem.distance) if measure.levels == "rim" else problem.distance
+    counted = distance > 0
+    shape = counted.nonzero()[:, 0]  # (pixels,) the shape that each pixel of a level belongs to
+    number = distance[counted].long()  # (pixels,) the level k that it is on
     surprisal, size = level_surprisal(
-        field[shapes], first_level(radius)[shape] + number - 1, int(radius.sum()), measure.bins
+        field[counted], first_level(radius)[shape] + number - 1, int(radius.sum()), measure.bins
     )
     length = length_within(number, radius[shape].to(field), measure.low, measure.high)
     shares = torch.zeros_like(field)
     shares[radius == 0] = torch.nan
-    shares[shapes] = surprisal / size * length / (measure.high - measure.low)
+    shares[counted] = surprisal / size * length / (measure.high - measure.low)
     return shares.reshape(mask.shape).to(dtype or field.dtype)
 
 
@@ -93,7 +98,7 @@ def level_surprisal(values: Tensor, level: Tensor, num_levels: int, bins: int) -
 
     Returns:
         The surprisal and the size, two (P,) tensors of the dtype of `values`. The surprisal is exactly 0.0 where all
-        values of the level share a bin; its mean over a level is `torchlinf.entropy.level_entropy`.
+        values of the level share a bin; its mean over a level is `level_entropy`.
 
     Example:
         >>> values = torch.tensor([0.1, 0.3, 0.3, 0.3, 0.5], dtype=torch.float64)

@@ -1,7 +1,7 @@
 """Complexity against scale: the profile of shapes, and its exact mean over a window of scales."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Unpack
 
 import numpy as np
@@ -48,7 +48,7 @@ class ComplexityProfile:
     measure: Measure
     seconds: Tensor
 
-    def levels(self) -> Any:
+    def levels(self) -> list[Any] | Tensor:
         """Values of the levels themselves, without a scale grid.
 
         Returns:
@@ -64,6 +64,51 @@ class ComplexityProfile:
         """
         parts = torch.split(self.level_values.to(self.values.dtype), self.radius.flatten().tolist())
         return _nest(parts, tuple(self.radius.shape))
+
+    def __getitem__(self, index: Any) -> "ComplexityProfile":
+        """The profile of some of the shapes, without another solve.
+
+        Args:
+            index: what a tensor of the leading shape may be indexed with: integers, slices, a bool or integer tensor.
+
+        Returns:
+            A `ComplexityProfile` whose leading shape is that of `radius[index]`; its tensors are copies.
+
+        Raises:
+            IndexError: the index does not go with the leading shape.
+
+        Example:
+            >>> import torchlinf
+            >>> masks = torch.stack([torchlinf.shapes.box(13, 13), torchlinf.shapes.disc(6)])
+            >>> profile = torchlinf.complexity_profile(masks, spatial_ndim=2)
+            >>> profile[1].mean(), profile[:1].radius
+            (tensor(0.8227, dtype=torch.float64), tensor([7]))
+        """
+        radius, lead = self.radius.flatten(), tuple(self.radius.shape)
+        numbers = torch.arange(len(radius), device=radius.device).reshape(lead)
+        try:
+            chosen = numbers[index]
+        except (IndexError, TypeError) as error:
+            raise IndexError(
+                f"index must select from the leading shape {lead}; got {index!r}. Pass integers or slices."
+            ) from error
+        shapes = chosen.flatten()
+        size = radius[shapes]
+        entry = torch.arange(int(size.sum()), device=radius.device)
+        entry += torch.repeat_interleave(first_level(radius)[shapes] - first_level(size), size)
+        measure = self.measure
+        if isinstance(measure.rho, Tensor):
+            measure = replace(measure, rho=measure.rho.broadcast_to(lead)[index])
+        return ComplexityProfile(
+            scales=self.scales,
+            values=self.values.reshape(-1, len(self.scales))[shapes].reshape(*chosen.shape, len(self.scales)),
+            radius=size.reshape(chosen.shape),
+            field_error_bound=self.field_error_bound.flatten()[shapes].reshape(chosen.shape),
+            level_values=self.level_values[entry],
+            level_error_bound=self.level_error_bound[entry],
+            measure=measure,
+            seconds=self.seconds.flatten()[shapes.cpu()].reshape(chosen.shape),
+        )
 
     def mean(self, low: float = 0.0, high: float = 1.0) -> Tensor:
         """Exact mean over the scales in (low, high], not a mean over a grid of samples.
@@ -316,7 +361,9 @@ def profile_of_field(field: Tensor, distance: Tensor, field_error: Tensor, measu
     """
     radius, error = distance.max().reshape(1).long(), field_error.reshape(1)
     values, bounds = level_values(field[None], distance[None], radius, error, measure)
-    return profile_of_levels(Levels(values, bounds, radius, error, torch.zeros(1, dtype=torch.float64)), (), measure)
+    return profile_of_levels(
+        Levels(values, bounds, radius, error, torch.zeros(1, dtype=torch.float64, device="cpu")), (), measure
+    )
 
 
 def profile_of_levels(
@@ -355,7 +402,7 @@ def scale_grid(scales: Tensor | ArrayLike | None) -> tuple[Tensor, Tensor]:
     Without that slack 0.07 * 100, a little above 7 in floating point, would be level 8.
     """
     if scales is None:
-        scales = torch.arange(1, 101, dtype=torch.float64) / 100
+        scales = torch.arange(1, 101, dtype=torch.float64, device="cpu") / 100
     elif not isinstance(scales, Tensor):
         array = np.asarray(scales)
         if array.dtype.kind not in "biuf":
@@ -397,7 +444,7 @@ def length_within(level: Tensor, radius: Tensor, low: float, high: float) -> Ten
     return ((level / radius).clamp(max=high) - ((level - 1) / radius).clamp(min=low)).clamp(min=0.0)
 
 
-def _nest(parts: Sequence[Tensor], lead: tuple[int, ...]) -> Any:
+def _nest(parts: Sequence[Tensor], lead: tuple[int, ...]) -> list[Any] | Tensor:
     if not lead:
         return parts[0]
     step = len(parts) // max(lead[0], 1)

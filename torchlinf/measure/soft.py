@@ -71,7 +71,7 @@ def soft_complexity(
         ValueError: an argument has a wrong rank or value.
         RuntimeError: a field, or in the backward pass its gradient, could not be solved.
 
-    Source: the levels and scales are those of `complexity`; docs/regulariser.
+    Source: the levels and scales are those of `complexity`; docs/notes/regulariser compares it with the loss.
 
     Example:
         >>> from torchlinf import shapes

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from torchlinf.measure import ComplexityProfile
-from torchlinf.order.indicators import require_comparable, tolerance_of
+from torchlinf.order.indicators import bounds_at_scales, require_comparable
 
 
 def kendall_tau(profiles: Sequence[ComplexityProfile]) -> Tensor:
@@ -17,13 +17,14 @@ def kendall_tau(profiles: Sequence[ComplexityProfile]) -> Tensor:
     it differs from `scipy.stats.kendalltau`: its tau-b leaves equal pairs out of the numerator and corrects the
     denominator for them, and is not defined where all values are equal. Without equal values both are the same number.
 
-    Two values count as equal if their intervals overlap: each value plus or minus twice the certified relative error
-    of its field. This is a heuristic, not a proof: that error is no bound of the error of the complexity.
+    Two values count as equal if their intervals meet: each value plus or minus its `level_error_bound` and the rounding
+    of its sum. The interval is proven to hold the complexity of the exact field. So a pair that contradicts the
+    expected order does so in the exact fields too.
 
     Args:
         profiles: two or more, in the order in which the complexity is expected to grow, each of one shape that is not
-            empty, all of one estimator and number of bins and on the same scales. They are computed already; nothing is
-            solved here.
+            empty, all of one estimator, number of bins and kind of levels, and on the same scales. They are computed
+            already; nothing is solved here.
 
     Returns:
         (L,) float64 on the CPU, in [-1, 1], one for each of the profiles' scales; 1 if no pair contradicts the order.
@@ -31,8 +32,8 @@ def kendall_tau(profiles: Sequence[ComplexityProfile]) -> Tensor:
 
     Raises:
         TypeError: `profiles` is no sequence, or an entry is no `ComplexityProfile`.
-        ValueError: fewer than two profiles, one of several shapes or of an empty one, or estimators, bins or scales
-            that differ.
+        ValueError: fewer than two profiles, one of several shapes or of an empty one, or estimators, bins, levels
+            or scales that differ.
 
     Source: the modified Kendall tau of Arslan and Tari (2020).
 
@@ -51,7 +52,7 @@ def kendall_tau(profiles: Sequence[ComplexityProfile]) -> Tensor:
     if any(profile.scales.tolist() != profiles[0].scales.tolist() for profile in profiles):
         raise ValueError("profiles must be on the same scales; got several grids. Pass the same scales= for each.")
     values = torch.stack([profile.values.flatten().cpu() for profile in profiles]).double()  # (N, L)
-    tolerance = torch.from_numpy(tolerance_of(profiles))[:, None]
+    bounds = bounds_at_scales(profiles)
     first, later = torch.triu_indices(len(values), len(values), offset=1)
-    simpler = values[later] + tolerance[later] < values[first] - tolerance[first]  # (pairs, L)
+    simpler = values[later] + bounds[later] < values[first] - bounds[first]  # (pairs, L)
     return 1 - 2 * simpler.double().mean(dim=0)

@@ -1,15 +1,21 @@
 """The numbers by which shapes are ordered, and which of them count as equal."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from torchlinf.measure import ComplexityProfile
 
 # Sums of the same numbers in another order differ by less than so many units in the last place of 1.
 ROUNDING = 256
+
+SLACK = 2e-7  # no profile lowers its scales by more before it rounds them up to levels
+
+Numbers: TypeAlias = NDArray[np.float64]
 
 
 def require_comparable(profiles: Iterable[tuple[str | int, ComplexityProfile]]) -> None:
@@ -24,57 +30,74 @@ def require_comparable(profiles: Iterable[tuple[str | int, ComplexityProfile]]) 
         if profile.radius.numel() != 1:
             raise ValueError(
                 f"profiles must be of one shape each; got {profile.radius.numel()} for {name!r}. "
-                "Pass one mask at a time."
+                "Pass profile[0] for the first."
             )
         if not profile.radius.all():
             raise ValueError(
                 f"profiles must be of shapes with a pixel inside; got an empty one for {name!r}. Leave it out."
             )
-        measured = f"estimator={profile.measure.estimator!r}, bins={profile.measure.bins}"
+        how = profile.measure
+        measured = f"estimator={how.estimator!r}, bins={how.bins}, levels={how.levels!r}"
         first = first or measured
         if measured != first:
             raise ValueError(
-                f"profiles must be of one estimator and number of bins; got {measured} for {name!r} and {first} before "
-                "it. Pass the same options for each."
+                f"profiles must be of one estimator, number of bins and kind of levels; got {measured} for {name!r} "
+                f"and {first} before it. Pass the same options for each."
             )
 
 
 def means_over(
     profiles: Sequence[ComplexityProfile], windows: Mapping[str, tuple[float, float]]
-) -> NDArray[np.float64]:
-    """Mean of each shape over each window: (shapes, windows)."""
-    means = [[float(profile.mean(low, high)) for low, high in windows.values()] for profile in profiles]
-    return np.array(means, dtype=np.float64).reshape(-1, len(windows))
+) -> tuple[Numbers, Numbers]:
+    """Mean of each shape over each window, and how far it can be from the exact one: twice (shapes, windows)."""
+    ends = list(windows.values())
+    means = [[float(profile.mean(low, high)) for low, high in ends] for profile in profiles]
+    bounds = [[float(p.error_bound(low, high)) + rounding_of(p) for low, high in ends] for p in profiles]
+    return _rows(means, len(ends)), _rows(bounds, len(ends))
 
 
-def values_at_all_scales(profiles: Sequence[ComplexityProfile]) -> NDArray[np.float64]:
-    """Value of each shape between the scales where any shape steps to another level: (shapes, steps)."""
+def values_at_all_scales(profiles: Sequence[ComplexityProfile]) -> tuple[Numbers, Numbers]:
+    """Value of each shape between the scales where any shape steps to another level: (shapes, steps), and its bound."""
     radii = [int(profile.radius) for profile in profiles]
     steps = np.unique(np.concatenate([[0.0], *(np.arange(1, size + 1) / size for size in radii)]))
     middles = (steps[1:] + steps[:-1]) / 2
-    columns = [
-        profile.level_values.numpy(force=True)[np.ceil(middles * size).astype(int) - 1]
-        for profile, size in zip(profiles, radii, strict=True)
+    levels = [np.ceil(middles * size).astype(int) - 1 for size in radii]
+    values = [p.level_values.numpy(force=True)[level] for p, level in zip(profiles, levels, strict=True)]
+    bounds = [
+        p.level_error_bound.numpy(force=True)[level] + rounding_of(p) for p, level in zip(profiles, levels, strict=True)
     ]
-    return np.array(columns, dtype=np.float64).reshape(len(profiles), len(middles))
+    return _rows(values, len(middles)), _rows(bounds, len(middles))
 
 
-def tolerance_of(profiles: Sequence[ComplexityProfile]) -> NDArray[np.float64]:
-    """By how much each shape's values may differ from another's and still count as equal: (shapes,).
-
-    Twice the certified relative error of the field, and rounding. It is a heuristic: the error of the field bounds
-    no entropy, which jumps where a value crosses the edge of a bin.
-    """
-    return np.array([2 * float(p.field_error_bound) + ROUNDING * torch.finfo(p.values.dtype).eps for p in profiles])
+def bounds_at_scales(profiles: Sequence[ComplexityProfile]) -> Tensor:
+    """How far the `values` of each profile can be from the exact ones: (shapes, scales)."""
+    return torch.stack([_bounds_at_scales(profile) for profile in profiles])
 
 
-def ranks(values: NDArray[np.float64], tolerance: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Number the values of each column from the lowest; values whose intervals overlap have the same number.
+def _bounds_at_scales(profile: ComplexityProfile) -> Tensor:
+    """The larger bound of two levels where rounding of a scale may have led to either of them."""
+    size, scales = int(profile.radius), profile.scales.cpu().double()
+    nearest = [((scales - slack) * size).ceil().long().clamp(1, size) - 1 for slack in (0.0, SLACK)]
+    bounds = profile.level_error_bound.cpu().double()
+    return torch.maximum(*(bounds[level] for level in nearest)) + rounding_of(profile)
 
-    >>> ranks(np.array([[3.0], [1.0], [1.1], [2.0]]), np.full(4, 0.1)).tolist()
+
+def rounding_of(profile: ComplexityProfile) -> float:
+    """By how much rounding of its sums may move a value."""
+    return ROUNDING * torch.finfo(profile.values.dtype).eps
+
+
+def _rows(rows: Sequence[Any], width: int) -> Numbers:
+    return np.array(rows, dtype=np.float64).reshape(-1, width)
+
+
+def ranks(values: Numbers, bounds: Numbers) -> NDArray[np.int64]:
+    """Number the values of each column from the lowest; values whose intervals meet have the same number.
+
+    >>> ranks(np.array([[3.0], [1.0], [1.1], [2.0]]), np.full((4, 1), 0.1)).tolist()
     [[2], [0], [0], [1]]
     """
-    low, high = torch.from_numpy(values - tolerance[:, None]), torch.from_numpy(values + tolerance[:, None])
+    low, high = torch.from_numpy(values - bounds), torch.from_numpy(values + bounds)
     low, order = low.sort(dim=0, stable=True)
     reach = high.gather(0, order).cummax(dim=0).values
     number = torch.zeros_like(order)

@@ -10,7 +10,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING, TypeAlias, cast
 
 from torchlinf.measure import ComplexityProfile, Measure
-from torchlinf.order.indicators import means_over, ranks, require_comparable, tolerance_of, values_at_all_scales
+from torchlinf.order.indicators import means_over, ranks, require_comparable, values_at_all_scales
 
 if TYPE_CHECKING:
     from networkx import DiGraph
@@ -32,14 +32,14 @@ def dominance(
 
     The profiles are computed already; nothing is solved here.
 
-    Two values count as equal if their intervals overlap: each value plus or minus twice the certified relative error
-    of its field. Values that a chain of overlaps connects count as equal too, since equality has to be transitive.
-    This is a heuristic, not a proof: the error of the field is certified, but it is no bound of the error of the
-    complexity, which jumps where a value of the field crosses the edge of a bin.
+    Two values count as equal if their intervals meet: each value plus or minus its proven error bound (`error_bound` of
+    the profile for a mean, `level_error_bound` at every scale) and the rounding of its sum. Values that a chain of such
+    intervals connects count as equal too, since equality has to be transitive. So where one value counts as less than
+    another, it is proven that this holds in the exact fields.
 
     Args:
-        profiles: the shapes by name, each the profile of one shape that is not empty, all of one estimator and number
-            of bins.
+        profiles: the shapes by name, each the profile of one shape that is not empty, all of one estimator, number
+            of bins and kind of levels.
         windows: windows of scales, a mapping of names to (low, high) with 0 <= low < high <= 1; the mean over each
             window is an indicator. None means one window over all scales, named "complexity".
         every_scale: if True, the values at every scale t in (0, 1] are the indicators instead: all steps of all
@@ -54,8 +54,8 @@ def dominance(
 
     Raises:
         TypeError: `profiles` or `windows` is no mapping, or a value is no `ComplexityProfile`.
-        ValueError: a profile holds several shapes or an empty one, profiles differ in estimator or bins, there are no
-            windows, or one is no window.
+        ValueError: a profile holds several shapes or an empty one, profiles differ in estimator, bins or levels, there
+            are no windows, or one is no window.
 
     Source: Arslan and Tari (2020) compare by the two windows of the default.
 
@@ -74,9 +74,8 @@ def dominance(
     require_comparable(profiles.items())
     named = Measure(windows=windows).named_windows()
     solved = list(profiles.values())
-    means = means_over(solved, named)
-    indicators = values_at_all_scales(solved) if every_scale else means
-    rank = ranks(indicators, tolerance_of(solved))  # (shapes, indicators)
+    means, bounds = means_over(solved, named)
+    rank = ranks(*(values_at_all_scales(solved) if every_scale else (means, bounds)))  # (shapes, indicators)
     members: dict[tuple[int, ...], list[int]] = {}
     for i, row in enumerate(rank.tolist()):
         members.setdefault(tuple(row), []).append(i)

@@ -203,10 +203,10 @@ def random_planes(X: Tensor | ArrayLike, num_planes: int, seed: int) -> Iterator
         raise ValueError(f"X must hold 3 points or more; got {len(data)}. Pass (N, *features).")
     if count(num_planes, "num_planes") < 2:
         raise ValueError("num_planes must be 2 or more, for a standard error; got 1. Use decision_plane for one.")
-    generator = torch.Generator().manual_seed(integer(seed, "seed", 0))
+    generator = torch.Generator("cpu").manual_seed(integer(seed, "seed", 0))
     spanned = 0
     for _ in range(TRIES * num_planes):
-        triple = torch.randperm(len(data), generator=generator)[:3]
+        triple = torch.randperm(len(data), generator=generator, device="cpu")[:3]
         if spans_plane(data[triple]):
             yield triple, Plane.through(data[triple])
             spanned += 1

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Unpack, cast
+from typing import Any, Literal, Unpack
 
 from torch import Tensor
 
@@ -80,6 +80,39 @@ class DecisionRegions:
             ValueError: not 0 <= low < high <= 1.
         """
         return self._weighted(self.mean(low, high)[:, None])[0]
+
+    def error_bound(self, low: float = 0.0, high: float = 1.0) -> Tensor:
+        """How far `mean(low, high)` of each class can be from that of the exact field, proven.
+
+        Args:
+            low: lower end of the window of scales, excluded.
+            high: upper end of the window, included; 0 <= low < high <= 1.
+
+        Returns:
+            (C,) float64, in the unit of the profile, 0 or more; NaN for a class that is nowhere. It is that of the
+            regions on the grid: how well the grid shows the classifier is not in it.
+
+        Raises:
+            TypeError: `low` or `high` is no number.
+            ValueError: not 0 <= low < high <= 1.
+        """
+        return self.profile.error_bound(low, high)
+
+    def overall_error_bound(self, low: float = 0.0, high: float = 1.0) -> Tensor:
+        """How far `overall(low, high)` can be from that of the exact fields, proven: the bounds, weighted by area.
+
+        Args:
+            low: lower end of the window of scales, excluded.
+            high: upper end of the window, included; 0 <= low < high <= 1.
+
+        Returns:
+            Tensor without dimensions, float64, in the unit of the profile; NaN if all classes are nowhere.
+
+        Raises:
+            TypeError: `low` or `high` is no number.
+            ValueError: not 0 <= low < high <= 1.
+        """
+        return self._weighted(self.error_bound(low, high)[:, None])[0]
 
     def overall_values(self) -> Tensor:
         """The mean over the classes, weighted by their areas, at each of `profile.scales`: (L,) float64."""
@@ -178,15 +211,6 @@ def regions_on(
     if boundary == "open":
         profile = open_profile(masks, measure)
     else:
-        profile = complexity_profile(masks, spatial_ndim=masks.ndim - 1, **level_options(measure))
+        profile = complexity_profile(masks, spatial_ndim=masks.ndim - 1, **measure.options(LevelOptions))
     area = masks.flatten(1).double().mean(dim=1)
     return DecisionRegions(names, masks, grid.axes, profile, area, grid.plane)
-
-
-def level_options(measure: Measure) -> LevelOptions:
-    """The options of a measure without its window, as keywords.
-
-    >>> level_options(Measure(high=0.5, bins=64))
-    {'bins': 64}
-    """
-    return cast("LevelOptions", {name: value for name, value in measure.options().items() if name in LEVEL_OPTIONS})

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from torchlinf._checks import MAX_SPATIAL_NDIM, count
+from torchlinf._checks import MAX_SPATIAL_NDIM, count, not_negative
 
 FLAT = 1e-6  # height of a triangle as a share of its longest side below which it spans no plane: rounding in float32
 
@@ -110,7 +109,7 @@ class Grid:
     @classmethod
     def around(cls, plane: Plane, resolution: int, relative_margin: float) -> "Grid":
         """A square grid around the three points of a plane, so that a step is of the same length along both axes."""
-        relative_margin = _not_negative(relative_margin, "relative_margin", "0.25")
+        relative_margin = not_negative(relative_margin, "relative_margin")
         low, high = plane.corners.amin(dim=0), plane.corners.amax(dim=0)
         reach = (high[0] - low[0]) * (0.5 + relative_margin)
         ends = [(float(centre - reach), float(centre + reach)) for centre in (low + high) / 2]
@@ -123,7 +122,7 @@ class Grid:
 
     def points(self, start: int, stop: int) -> Tensor:
         """The points of these numbers, counted with the last axis running fastest, (stop - start, *features)."""
-        place = torch.unravel_index(torch.arange(start, stop), self.shape)
+        place = torch.unravel_index(torch.arange(start, stop, device="cpu"), self.shape)
         coordinates = torch.stack([axis[index] for axis, index in zip(self.axes, place, strict=True)], dim=1)
         return coordinates if self.plane is None else self.plane.points(coordinates)
 
@@ -154,7 +153,7 @@ def bounds_around(X: Tensor | ArrayLike, *, eps: float = 1.0) -> list[tuple[floa
             f"X must be (samples, features) with 1 sample or more and 1 to {MAX_SPATIAL_NDIM} features; got "
             f"{tuple(given.shape)}. Choose features, or use decision_plane for more."
         )
-    eps = _not_negative(eps, "eps", "1.0")
+    eps = not_negative(eps, "eps")
     return list(zip((given.amin(dim=0) - eps).tolist(), (given.amax(dim=0) + eps).tolist(), strict=True))
 
 
@@ -230,15 +229,7 @@ def _check_bounds(bounds: Bounds) -> list[tuple[float, float]]:
     return [(low, high) for low, high in ends]
 
 
-def _not_negative(value: float, name: str, example: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a finite number of 0 or more; got {value!r}. Pass for example {example}.")
-    if not 0 <= value < math.inf:
-        raise ValueError(f"{name} must be a finite number of 0 or more; got {value!r}. Pass for example {example}.")
-    return float(value)
-
-
 def _axis(low: float, high: float, resolution: int) -> Tensor:
     if count(resolution, "resolution") < 2:
         raise ValueError(f"resolution must be 2 or more; got {resolution}. Pass for example 128.")
-    return torch.linspace(low, high, resolution, dtype=torch.float64)
+    return torch.linspace(low, high, resolution, dtype=torch.float64, device="cpu")

@@ -57,7 +57,7 @@ def open_profile(mask: Tensor, measure: Measure) -> ComplexityProfile:
         >>> profile.radius, profile.mean()
         (tensor([8, 4]), tensor([1.3543, 0.0000], dtype=torch.float64))
     """
-    nothing = torch.zeros(0, dtype=torch.float64)
+    nothing = torch.zeros(0, dtype=torch.float64, device="cpu")
     values, bounds, errors, seconds = [nothing], [nothing], [], []
     for shape, rho in zip(mask.cpu(), _rho_of_each(measure, len(mask)), strict=True):
         start = perf_counter()
@@ -69,9 +69,9 @@ def open_profile(mask: Tensor, measure: Measure) -> ComplexityProfile:
     levels = Levels(
         values=torch.cat(values),
         error_bound=torch.cat(bounds),
-        radius=torch.tensor([len(of_levels) for of_levels in values[1:]], dtype=torch.int64),
-        field_error_bound=torch.tensor(errors, dtype=torch.float64),
-        seconds=torch.tensor(seconds, dtype=torch.float64),
+        radius=torch.tensor([len(of_levels) for of_levels in values[1:]], dtype=torch.int64, device="cpu"),
+        field_error_bound=torch.tensor(errors, dtype=torch.float64, device="cpu"),
+        seconds=torch.tensor(seconds, dtype=torch.float64, device="cpu"),
     )
     return profile_of_levels(levels, (len(mask),), measure)
 
@@ -85,14 +85,15 @@ def _rho_of_each(measure: Measure, count: int) -> list[float | None]:
 def _levels_of(mask: Tensor, rho: float | None, measure: Measure) -> tuple[Tensor, Tensor, float]:
     """The values of the levels of one shape, their error bounds, and the bound of the field's error."""
     if bool(mask.all()) or not bool(mask.any()):
-        levels = {name: getattr(measure, name) for name in LevelOptions.__optional_keys__}
-        profile = complexity_profile(mask, **{**levels, "rho": rho}, spatial_ndim=mask.ndim)
+        levels = {**measure.options(LevelOptions), "rho": rho}
+        profile = complexity_profile(mask, spatial_ndim=mask.ndim, **levels)
         return profile.level_values, profile.level_error_bound, float(profile.field_error_bound)
     distance = open_distance(mask.numpy())
     radius = int(distance.max())
     value, error = open_field(mask.numpy(), radius, float(radius) if rho is None else rho, measure.tol)
-    field, errors = torch.from_numpy(value)[None], torch.tensor([error], dtype=torch.float64)
-    values, bounds = level_values(field, torch.from_numpy(distance)[None], torch.tensor([radius]), errors, measure)
+    field, distances = torch.from_numpy(value)[None], torch.from_numpy(distance)[None]
+    errors = field.new_tensor([error])
+    values, bounds = level_values(field, distances, distances.new_tensor([radius]), errors, measure)
     return values, bounds, error
 
 
@@ -151,5 +152,5 @@ def _certified(value: NDArray[np.float64], mask: Mask, rho: float) -> float:
     # A ring of copies adds nothing to a block at the edge that it does not hold already.
     ringed = torch.from_numpy(np.pad(value, 1, mode="edge"))[None]
     inside = torch.from_numpy(np.pad(mask, 1))[None]
-    residuals = residual(ringed, inside, torch.tensor([1 / rho**2], dtype=torch.float64))
+    residuals = residual(ringed, inside, torch.tensor([1 / rho**2], dtype=torch.float64, device="cpu"))
     return float(certify(residuals.flatten(1)))

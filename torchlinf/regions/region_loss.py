@@ -47,7 +47,7 @@ class DecisionRegionLoss(nn.Module):
             another shape, or not finite.
         RuntimeError: a field could not be solved to `tol`.
 
-    Source: docs/regions and docs/regulariser.
+    Source: docs/regions and docs/training.
 
     Example:
         >>> _ = torch.manual_seed(0)
@@ -91,7 +91,7 @@ class DecisionRegionLoss(nn.Module):
         if grid is None:
             grid = Grid.around(Plane.through(points), self.resolution, self.relative_margin)  # type: ignore[arg-type]
         number = torch.Size(grid.shape).numel()
-        known = next((p for p in model.parameters() if p.is_floating_point()), torch.empty(0))
+        known = next((p for p in model.parameters() if p.is_floating_point()), torch.empty(0, device="cpu"))
         probability = against_others(_logits(model(grid.points(0, number).to(known)), number))  # (P, C)
         masks = probability.detach().T.reshape(-1, *grid.shape) > self.complexity.threshold
         value = self.complexity(probability.T.reshape(1, -1, *grid.shape))[0]  # (C,)

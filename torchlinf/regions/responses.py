@@ -113,7 +113,7 @@ def _responder(classifier: Any, response_method: str, threshold: float | None) -
             f"{response_method!r} beside a {type(classifier).__name__}. Leave it out."
         )
     if isinstance(classifier, nn.Module):
-        known = next((p for p in classifier.parameters() if p.is_floating_point()), torch.empty(0))
+        known = next((p for p in classifier.parameters() if p.is_floating_point()), torch.empty(0, device="cpu"))
         return Responder(lambda points: classifier(points.to(known)))
     if not callable(classifier):
         raise TypeError(

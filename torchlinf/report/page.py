@@ -27,6 +27,7 @@ MEANINGS = {
     "pixels": "how many pixels are inside",
     "radius": "the largest chessboard distance from a pixel inside to the outside",
     "components": "connected components; pixels that touch at a corner are connected",
+    "error_bound": "how far any of the complexities can be from that of the exact field, proven",
     "field_error_bound": "certified relative error of the field from which complexity is measured",
     "seconds": "time to read and score the mask",
 }

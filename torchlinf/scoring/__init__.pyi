@@ -8,19 +8,19 @@ from .compare import write_pairs as write_pairs
 from .journal import JOURNAL as JOURNAL
 from .mask_rules import MAX_PIXELS as MAX_PIXELS
 from .mask_rules import RULE as RULE
-from .mask_rules import inside_above as inside_above
+from .mask_rules import read_inside as read_inside
 from .mask_rules import read_mask as read_mask
 from .mask_rules import read_source as read_source
 from .options import ScoreOptions as ScoreOptions
 from .options import score_measure as score_measure
 from .readers import SUFFIXES as SUFFIXES
-from .readers import UnreadableMaskError as UnreadableMaskError
 from .rows import COLUMNS as COLUMNS
 from .rows import WINDOWS as WINDOWS
 from .rows import NoTableError as NoTableError
 from .rows import Score as Score
 from .score import error_text as error_text
 from .score import profile_source as profile_source
+from .score import score_groups as score_groups
 from .score import score_mask as score_mask
 from .score import score_masks as score_masks
 from .score import score_source as score_source
@@ -33,4 +33,5 @@ from .summary import print_table as print_table
 from .tables import open_table as open_table
 from .tables import read_table as read_table
 from .tables import write_table as write_table
+from .values import UnreadableMaskError as UnreadableMaskError
 from .workers import NoWorkersError as NoWorkersError

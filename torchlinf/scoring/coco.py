@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf._extras import require
-from torchlinf.scoring.readers import UnreadableMaskError
+from torchlinf.scoring.values import UnreadableMaskError
 
 # pycocotools walks along the outline in steps of a fifth of a pixel, wherever it leads.
 FARTHEST = 1e6
@@ -32,16 +32,34 @@ class Outline:
     segmentation: Any
 
 
+@dataclass(frozen=True)
+class Segment:
+    """A mask as COCO panoptic has it: a colour of a PNG.
+
+    Attributes:
+        picture: the PNG.
+        label: R + 256 G + 65536 B.
+    """
+
+    picture: Path
+    label: int
+
+
 class Annotation(NamedTuple):
-    """One annotation of a file: its name, and its mask or what is wrong with it."""
+    """One annotation of a file: its name, its mask or what is wrong with it, its category and image."""
 
     name: str
-    outline: Outline | None
+    outline: Outline | Segment | None
     error: str | None
+    category: str | None = None
+    image: str | None = None
 
 
 def coco_masks(path: Path) -> Iterator[Annotation]:
-    """List the annotations of a COCO file, in its order; the name of each is its `id`.
+    """List the annotations of a COCO file, in its order: instances, results (a bare list), or panoptic.
+
+    The name of each is its `id`; without one, its position from 0 on. A panoptic file has its PNG images in a folder of
+    its own name, or beside it.
 
     Raises:
         ImportError: pycocotools is not installed.
@@ -51,20 +69,36 @@ def coco_masks(path: Path) -> Iterator[Annotation]:
     require("pycocotools.mask", "reading COCO files", "coco")
     try:
         content = json.loads(path.read_bytes())
-        sizes = {image["id"]: (image["height"], image["width"]) for image in content["images"]}
+        if isinstance(content, list):
+            if not content or not all(isinstance(one, dict) and "image_id" in one for one in content):
+                raise TypeError("a list, but not of results with an image_id")
+            content = {"images": [], "annotations": content}
+        images = {image["id"]: image for image in content["images"] if isinstance(image, dict) and "id" in image}
         annotations = list(content["annotations"])
+        categories = {
+            one["id"]: str(one.get("name", one["id"]))
+            for one in content.get("categories") or ()
+            if isinstance(one, dict) and "id" in one
+        }
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise UnreadableMaskError(
             f"not a COCO file with images and annotations ({type(error).__name__}: {error})"
         ) from error
     seen: set[str] = set()
-    for annotation in annotations:
-        entry = _annotation(annotation, sizes)
-        if entry.name in seen:
-            name = next(new for number in count(2) if (new := f"{entry.name}#{number}") not in seen)
-            entry = Annotation(name, None, "the file holds another annotation of this id before")
-        seen.add(entry.name)
-        yield entry
+    for position, annotation in enumerate(annotations):
+        if not isinstance(annotation, dict):
+            entries = [Annotation(str(position), None, "the annotation is not an object")]
+        elif isinstance(annotation.get("segments_info"), list):
+            entries = _segments(path, annotation)
+        else:
+            entries = [_annotation(annotation, position, images)]
+        for entry in entries:
+            name = entry.name
+            if name in seen:  # files that were merged: the mask counts, under a name of its own
+                name = next(new for number in count(2) if (new := f"{entry.name}#{number}") not in seen)
+            seen.add(name)
+            category = categories.get(_key(entry.category), None if entry.category is None else str(entry.category))
+            yield entry._replace(name=name, category=category, image=_image(entry.image, images))
 
 
 def draw(outline: Outline, max_pixels: int) -> NDArray[np.bool_]:
@@ -90,24 +124,67 @@ def draw(outline: Outline, max_pixels: int) -> NDArray[np.bool_]:
     if not isinstance(segmentation, dict):
         from pycocotools import mask
 
-        polygons = [_polygon(points) for points in segmentation]
+        polygons = _polygons(segmentation)
         segmentation = mask.merge(mask.frPyObjects(polygons, height, width))
     if segmentation.get("size") != [height, width]:
         raise UnreadableMaskError(f"run lengths of size {segmentation.get('size')} in an image of {[height, width]}")
     return _from_runs(segmentation.get("counts"), height, width)
 
 
-def _annotation(annotation: Any, sizes: dict[Any, tuple[Any, Any]]) -> Annotation:
-    name = str(annotation.get("id")) if isinstance(annotation, dict) else "None"
-    if name == "None":
-        return Annotation(name, None, "the annotation has no id")
-    height, width = sizes.get(annotation.get("image_id"), (None, None))
-    if not (isinstance(height, int) and isinstance(width, int) and height > 0 and width > 0):
-        return Annotation(name, None, f"no image of known size has the id {annotation.get('image_id')!r}")
+def _key(value: Any) -> Any:
+    """What can be looked up: files of strangers may hold lists where numbers are meant."""
+    return value if isinstance(value, int | str) else None
+
+
+def _image(key: Any, images: dict[Any, Any]) -> str | None:
+    name = images.get(_key(key), {}).get("file_name", key)
+    return None if name is None else str(name)
+
+
+def _annotation(annotation: dict[str, Any], position: int, images: dict[Any, Any]) -> Annotation:
+    name = str(position if annotation.get("id") is None else annotation["id"])
+    known: Any = (annotation.get("category_id"), annotation.get("image_id"))
     segmentation = annotation.get("segmentation")
     if not isinstance(segmentation, list | dict) or not segmentation:
-        return Annotation(name, None, "the annotation has no segmentation")
-    return Annotation(name, Outline(height, width, segmentation), None)
+        return Annotation(name, None, "the annotation has no segmentation", *known)
+    image = images.get(_key(annotation.get("image_id")), {})
+    size = image.get("height"), image.get("width")
+    if not image and isinstance(segmentation, dict) and isinstance(segmentation.get("size"), list):
+        size = (*segmentation["size"], None, None)[:2]  # a list of results names no images
+    height, width = (int(side) if isinstance(side, float) and side.is_integer() else side for side in size)
+    if not (isinstance(height, int) and isinstance(width, int) and height > 0 and width > 0):
+        error = f"no image of known size has the id {annotation.get('image_id')!r}"
+        return Annotation(name, None, error, *known)
+    return Annotation(name, Outline(height, width, segmentation), None, *known)
+
+
+def _segments(path: Path, annotation: dict[str, Any]) -> list[Annotation]:
+    """The segments of an image of COCO panoptic."""
+    image, file = annotation.get("image_id"), str(annotation.get("file_name"))
+    places = [folder / file for folder in (path.with_suffix(""), path.parent)]
+    picture = next((place for place in places if place.is_file()), None)
+    entries = []
+    for segment in annotation["segments_info"]:
+        label = segment.get("id") if isinstance(segment, dict) else None
+        error = None
+        if "/" in file or "\\" in file or file in ("..", "."):
+            error = "the name of its PNG leads elsewhere; it is not read"
+        elif picture is None:
+            error = f"its PNG is not there: {file} in the folder {places[0].parent.name} or beside the file"
+        elif not isinstance(label, int):
+            error = "the segment has no id"
+        mask = None if error or picture is None or label is None else Segment(picture, label)
+        category: Any = segment.get("category_id") if isinstance(segment, dict) else None
+        entries.append(Annotation(f"{file}#{label}", mask, error, category, image))
+    return entries
+
+
+def _polygons(segmentation: list[Any]) -> list[list[float]]:
+    """The polygons of a mask; points and lines beside them, which annotators leave behind, have no area."""
+    if segmentation and all(isinstance(value, int | float) for value in segmentation):
+        segmentation = [segmentation]  # one polygon, without the list around it
+    parts = [one for one in segmentation if not (isinstance(one, list) and len(one) in (0, 2, 4))]
+    return [_polygon(points) for points in parts or segmentation]
 
 
 def _polygon(points: Any) -> list[float]:

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from torchlinf.scoring.readers import UnreadableMaskError, Values, parse_values
+from torchlinf.scoring.readers import parse_values
+from torchlinf.scoring.values import UnreadableMaskError, Values, values_of_array
 
 # What files begin with, for those that are not simply images.
 BEGINNINGS = {b"\x93NUMPY": ".npy", b"PK\x03\x04": ".npz", b"II*\0": ".tif", b"MM\0*": ".tif"}
@@ -56,4 +57,4 @@ def values_in_memory(mask: InMemory, max_pixels: int) -> Values:
         raise UnreadableMaskError(
             f"{array.size} pixels are more than the limit of {max_pixels}; raise it to score them"
         )
-    return Values(array)
+    return values_of_array(array, volume=True)

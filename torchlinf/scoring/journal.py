@@ -57,13 +57,13 @@ class Journal:
         if size < os.fstat(self._file.fileno()).st_size:
             self._file.truncate(size)
 
-    def append(self, row: Score) -> None:
-        """Append a row; if it cannot be written in full, not at all.
+    def append(self, *rows: Score) -> None:
+        """Append rows, all of one source, in one write; if they cannot be written in full, none is.
 
         Raises:
             OSError: it cannot be written, for example because the disk is full.
         """
-        data, written = json_line(row).encode(), 0
+        data, written = "".join(map(json_line, rows)).encode(), 0
         try:
             while written < len(data):
                 written += self._file.write(data[written:])

@@ -1,18 +1,16 @@
 """How masks are read and measured, as the functions that score files take it."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from numbers import Real
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from torchlinf._checks import count
 from torchlinf.measure import Measure, MeasureOptions
-from torchlinf.scoring.mask_rules import MAX_PIXELS
+from torchlinf.scoring.mask_rules import MAX_PIXELS, Reading
 from torchlinf.scoring.rows import KINDS, WINDOWS, columns
 
 
-def score_measure(options: Mapping[str, Any], windows: Mapping[str, tuple[float, float]] = WINDOWS) -> Measure:
+def score_measure(options: Mapping[str, Any], *, windows: Mapping[str, tuple[float, float]] = WINDOWS) -> Measure:
     """The measure of the keywords that a function was given.
 
     Args:
@@ -44,11 +42,10 @@ class ScoreOptions:
     """How masks are read and measured.
 
     Attributes:
-        threshold: inside is what is greater, in each file's own units; None chooses by `RULE`.
-        invert: swap inside and outside.
-        max_pixels: larger masks are refused.
+        threshold, label, nonzero, ignore, invert, max_pixels, volume, labels, stack: as in `mask_rules.Reading`.
         members: which members of tar archives are masks, as a pattern; None takes all with a suffix of a mask.
         measure: how complexity is measured.
+        reading: the first nine as one object.
     """
 
     threshold: float | None = None
@@ -56,21 +53,25 @@ class ScoreOptions:
     max_pixels: int = MAX_PIXELS
     members: str | None = None
     measure: Measure = field(default_factory=lambda: score_measure({}))
+    label: int | None = None
+    nonzero: bool = False
+    ignore: int | Collection[int] = ()
+    volume: bool = False
+    labels: bool = False
+    stack: bool = False
 
     def __post_init__(self) -> None:
         """Check what is not checked by `Measure`."""
-        if self.threshold is not None and (isinstance(self.threshold, bool) or not isinstance(self.threshold, Real)):
-            raise TypeError(f"threshold must be None or a number; got {self.threshold!r}. Pass for example 127.")
-        count(self.max_pixels, "max_pixels")
+        object.__setattr__(self, "ignore", self.reading.ignore)
 
     def settings(self) -> str:
         """All options as one line of JSON."""
         return json.dumps(asdict(self) | {"measure": json.loads(self.measure.settings())})
 
     @property
-    def reading(self) -> dict[str, Any]:
-        """The keywords of `read_source`."""
-        return {"threshold": self.threshold, "invert": self.invert, "max_pixels": self.max_pixels}
+    def reading(self) -> Reading:
+        """What is inside, and what is refused."""
+        return Reading(**{one.name: getattr(self, one.name) for one in fields(Reading)})
 
     @property
     def measuring(self) -> dict[str, Any]:

@@ -59,7 +59,8 @@ def read(path: Path) -> Iterator[Score]:
     try:
         with pyarrow.parquet.ParquetFile(path) as file:
             window_columns(file.schema_arrow.names)
-            for batch in file.iter_batches(ROWS):
+            # pyarrow 18 and 19 fail on a file without row groups.
+            for batch in file.iter_batches(ROWS) if file.num_row_groups else ():
                 yield from map(Score.of, batch.to_pylist())
     except pyarrow.ArrowInvalid as error:
         raise NoTableError(f"it is not a Parquet file, or a damaged one ({error})") from error

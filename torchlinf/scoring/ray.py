@@ -6,7 +6,7 @@ Needs the extra `ray` (Ray Data). What a worker does with a shard is in `shards`
 import logging
 import os
 import pickle
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +22,7 @@ from torchlinf.scoring.in_memory import InMemory
 from torchlinf.scoring.mask_rules import MAX_PIXELS
 from torchlinf.scoring.options import ScoreOptions, score_measure
 from torchlinf.scoring.rows import WINDOWS, Score
-from torchlinf.scoring.score import score_one
+from torchlinf.scoring.score import score_rows
 from torchlinf.scoring.shards import Part, Shard, find_shards, open_folder, read_part, score_shard, tidy
 from torchlinf.scoring.sources import Source
 
@@ -47,9 +47,16 @@ class ScoreMasks:
         column: of the batches, where the masks are. Bytes are the content of a file, text is a path, arrays are masks
             as in .npy files.
         name: of the column with what to call each mask, the `path` in the results.
-        threshold: inside is what is greater, in each mask's own units; None chooses by `torchlinf.scoring.RULE`.
+        threshold: inside is what is greater, in each mask's own units.
+        label: inside is what has this label.
+        nonzero: inside is what is not 0: all labels as one shape. Without these three,
+            `torchlinf.scoring.RULE` says what is inside.
+        ignore: values that are outside of everything, such as 255, the void of PASCAL VOC; also with `invert`.
         invert: swap inside and outside.
         max_pixels: larger masks are refused.
+        volume: arrays of three axes, and TIFFs of several pages, are volumes (D, H, W).
+        labels: a row for each label of a map but 0, named with the label behind: "map.png#15".
+        stack: arrays of three axes, and TIFFs of several pages, are masks (N, H, W), each with a row: "stack.npy[0]".
         spatial_ndim: dimensions of an array, 2 or 3, but for leading axes of length 1. Images with colours, (H, W, 3),
             are so told from volumes.
         {measure options}
@@ -78,30 +85,39 @@ class ScoreMasks:
         *,
         name: str = "path",
         threshold: float | None = None,
+        label: int | None = None,
+        nonzero: bool = False,
+        ignore: int | Collection[int] = (),
         invert: bool = False,
         max_pixels: int = MAX_PIXELS,
+        volume: bool = False,
+        labels: bool = False,
+        stack: bool = False,
         spatial_ndim: int = 2,
         **options: Unpack[MeasureOptions],
     ) -> None:
         if spatial_ndim not in (2, 3):
             raise ValueError(f"spatial_ndim must be 2 or 3; got {spatial_ndim!r}. Pass 3 for volumes (D, H, W).")
         self.column, self.name, self.spatial_ndim = column, name, spatial_ndim
-        self.options = ScoreOptions(threshold, invert, max_pixels, measure=score_measure(options))
+        self.options = ScoreOptions(
+            threshold, invert, max_pixels, None, score_measure(options), label, nonzero, ignore, volume, labels, stack
+        )
 
     def __call__(self, batch: "Mapping[str, NDArray[Any]] | pyarrow.Table") -> "pyarrow.Table":
         """Score a batch; see the class."""
         parquet.require_pyarrow()
         names, values = self._column(batch, self.name), self._column(batch, self.column)
-        rows = (self._score(str(name), value) for name, value in zip(names, values, strict=True))
+        rows = (row for name, value in zip(names, values, strict=True) for row in self._score(str(name), value))
         return parquet.table(rows, self.options.columns)
 
-    def _score(self, name: str, value: Any) -> Score:
+    def _score(self, name: str, value: Any) -> list[Score]:
         source = (
             Source(Path(value))
             if isinstance(value, str)
             else Source(Path(name), data=InMemory(value, self.spatial_ndim))
         )
-        return replace(score_one(source, self.options), path=name)
+        rows = score_rows(source, self.options)
+        return [replace(row, path=name + row.path.removeprefix(source.name)) for row in rows]
 
     def _column(self, batch: Any, name: str) -> Sequence[Any]:
         known = batch.column_names if hasattr(batch, "column_names") else list(batch)
@@ -121,8 +137,14 @@ def score_shards(
     out: str | os.PathLike[str],
     *,
     threshold: float | None = None,
+    label: int | None = None,
+    nonzero: bool = False,
+    ignore: int | Collection[int] = (),
     invert: bool = False,
     max_pixels: int = MAX_PIXELS,
+    volume: bool = False,
+    labels: bool = False,
+    stack: bool = False,
     members: str | None = None,
     map_options: Mapping[str, Any] | None = None,
     **options: Unpack[MeasureOptions],
@@ -138,9 +160,16 @@ def score_shards(
         shards: what `find_shards` found. Workers read the files under the same names, and write to the same `out`, so
             both must be on a file system that all machines share.
         out: the folder of the parts; made if it is not there. `torchlinf.scoring.read_table` reads it.
-        threshold: inside is what is greater, in each file's own units; None chooses by `torchlinf.scoring.RULE`.
+        threshold: inside is what is greater, in each file's own units.
+        label: inside is what has this label.
+        nonzero: inside is what is not 0: all labels as one shape. Without these three,
+            `torchlinf.scoring.RULE` says what is inside.
+        ignore: values that are outside of everything, such as 255, the void of PASCAL VOC; also with `invert`.
         invert: swap inside and outside.
         max_pixels: larger masks are refused.
+        volume: arrays of three axes, and TIFFs of several pages, are volumes (D, H, W).
+        labels: a row for each label of a map but 0, named with the label behind: "map.png#15".
+        stack: arrays of three axes, and TIFFs of several pages, are masks (N, H, W), each with a row: "stack.npy[0]".
         members: which members of tar archives are masks, as a pattern such as `*.mask.png`; None takes all with a
             suffix of a mask.
         map_options: keywords for `Dataset.map` of Ray Data, such as `num_cpus` (1), `memory` (bytes) or `concurrency`.
@@ -157,7 +186,10 @@ def score_shards(
         OSError: a part cannot be written.
     """
     ray_data = _require_ray().data
-    folder, chosen = Path(out).absolute(), ScoreOptions(threshold, invert, max_pixels, members, score_measure(options))
+    folder, measure = Path(out).absolute(), score_measure(options)
+    chosen = ScoreOptions(
+        threshold, invert, max_pixels, members, measure, label, nonzero, ignore, volume, labels, stack
+    )
     open_folder(folder, shards, chosen)
     missing = []
     for shard in shards:

@@ -5,9 +5,7 @@ Everything is judged by its header before memory is taken for it: a few hundred 
 
 import stat
 import zipfile
-from dataclasses import dataclass
 from importlib import import_module
-from math import prod
 from pathlib import Path, PurePosixPath
 from typing import IO, TYPE_CHECKING, Any
 
@@ -15,6 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf.scoring.byte_ranges import ByteRange, open_range
+from torchlinf.scoring.tiff import read_tiff
+from torchlinf.scoring.values import (
+    UnreadableMaskError,
+    Values,
+    require_size,
+    values_of_array,
+    values_of_colours,
+    values_of_palette,
+)
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -24,29 +31,14 @@ ARRAY_SUFFIXES = (".npy", ".npz")
 SUFFIXES = IMAGE_SUFFIXES + ARRAY_SUFFIXES
 
 # Pillow tries every format it knows unless told otherwise; files from strangers should meet few decoders.
-PILLOW_FORMATS = ("PNG", "GIF", "TIFF", "BMP", "JPEG")
+PILLOW_FORMATS = ("PNG", "GIF", "BMP", "JPEG")
+
+TIFF_BEGINNINGS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # the last two are BigTIFF
 
 
-class UnreadableMaskError(ValueError):
-    """No mask can be had from a file; the message says why, in words."""
-
-
-@dataclass(frozen=True)
-class Values:
-    """The numbers in a file, before anything is inside or outside.
-
-    Attributes:
-        array: (H, W) or (D, H, W), bool, integer or floating point.
-        lossy: whether the file's compression changes values, so that 0 may have become 3.
-        labels: whether the values are colours that stand for labels.
-    """
-
-    array: NDArray[Any]
-    lossy: bool = False
-    labels: bool = False
-
-
-def read_values(path: Path, member: str | None, max_pixels: int, byte_range: ByteRange | None = None) -> Values:
+def read_values(
+    path: Path, member: str | None, max_pixels: int, byte_range: ByteRange | None = None, volume: bool = False
+) -> Values:
     """Read an image, an .npy array or a member of an .npz archive.
 
     Args:
@@ -55,6 +47,7 @@ def read_values(path: Path, member: str | None, max_pixels: int, byte_range: Byt
             it holds.
         max_pixels: what holds more numbers than this is refused.
         byte_range: where in the file the image or array is; None if it is the whole file.
+        volume: the last axis of an array is never one of channels.
 
     Returns:
         The numbers, 2-D or 3-D; leading axes of length 1 are dropped.
@@ -66,28 +59,27 @@ def read_values(path: Path, member: str | None, max_pixels: int, byte_range: Byt
         _require_regular(path)
         if byte_range is None:
             with path.open("rb") as file:
-                return parse_values(file, path.suffix, max_pixels, member)
+                return parse_values(file, path.suffix, max_pixels, member, volume)
         with open_range(path, byte_range) as part:
-            return parse_values(part, PurePosixPath(member or "").suffix, max_pixels)
+            return parse_values(part, PurePosixPath(member or "").suffix, max_pixels, volume=volume)
     except UnreadableMaskError:
         raise
     except OSError as error:
         raise UnreadableMaskError(_in_words(error)) from error
 
 
-def parse_values(file: IO[bytes], suffix: str, max_pixels: int, member: str | None = None) -> Values:
+def parse_values(
+    file: IO[bytes], suffix: str, max_pixels: int, member: str | None = None, volume: bool = False
+) -> Values:
     """Read an open file, which `suffix` says to be an image, an .npy array or an .npz archive; as `read_values`."""
     try:
-        is_array = suffix.lower() in ARRAY_SUFFIXES
-        values = (
-            Values(_read_array(file, suffix, member, max_pixels)) if is_array else _read_image(file, suffix, max_pixels)
-        )
-        array = values.array
-        while array.ndim > 2 and array.shape[0] == 1:
-            array = array[0]
-        if array.ndim not in (2, 3) or array.size == 0:
-            raise UnreadableMaskError(f"a mask must be 2-D or 3-D and hold pixels; got shape {values.array.shape}")
-        return Values(array, values.lossy, values.labels)
+        if suffix.lower() in ARRAY_SUFFIXES:
+            return values_of_array(_read_array(file, suffix, member, max_pixels), volume)
+        beginning = file.read(4)
+        file.seek(0)
+        if beginning in TIFF_BEGINNINGS:
+            return read_tiff(file, max_pixels)
+        return _read_image(file, suffix, max_pixels)
     except UnreadableMaskError:
         raise
     except Exception as error:
@@ -107,12 +99,6 @@ def _require_regular(path: Path) -> None:
         raise UnreadableMaskError("not a regular file")
     if status.st_size == 0:
         raise UnreadableMaskError("the file is empty (0 bytes)")
-
-
-def _require_size(shape: tuple[int, ...], max_pixels: int) -> None:
-    if prod(shape) > max_pixels:
-        sizes = " x ".join(str(size) for size in shape)
-        raise UnreadableMaskError(f"{sizes} pixels are more than the limit of {max_pixels}; raise it to read the file")
 
 
 def _read_array(file: IO[bytes], suffix: str, member: str | None, max_pixels: int) -> NDArray[Any]:
@@ -140,7 +126,7 @@ def _parse_npy(file: IO[bytes], max_pixels: int) -> NDArray[Any]:
     shape, _, dtype = read_header(file)
     if dtype.kind not in "buif":
         raise UnreadableMaskError(f"an array must be bool, integer or floating point; got {dtype}")
-    _require_size(shape, max_pixels)
+    require_size(shape, max_pixels)
     file.seek(0)
     array: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
     return array
@@ -151,61 +137,70 @@ def _read_image(file: IO[bytes], suffix: str, max_pixels: int) -> Values:
 
     for name in PILLOW_FORMATS:  # if one is missing, Pillow loads all of the forty others as well
         import_module(f"PIL.{name.title()}ImagePlugin")
+    bits, is_coloured = _png_depth(file)
     try:
         with Image.open(file, formats=PILLOW_FORMATS) as image:
-            return _read_frames(image, max_pixels)
+            require_size((image.height, image.width), max_pixels)
+            if bits == 16 and is_coloured:
+                raise UnreadableMaskError(
+                    "16-bit colours in a PNG would lose half of their bits; save it as TIFF, or as 16-bit grey"
+                )
+            return _values_of_image(image, bits if image.mode == "L" and bits in (2, 4) else None)
     except UnidentifiedImageError as error:
         if suffix.lower() in (".tif", ".tiff"):
-            return _read_odd_tiff(file, max_pixels)
+            raise UnreadableMaskError("not a TIFF image, or a damaged one") from error
         known = ", ".join(suffix[1:] for suffix in SUFFIXES)
         raise UnreadableMaskError(f"not an image in a known format ({known})") from error
 
 
-def _read_frames(image: "Image", max_pixels: int) -> Values:
-    pages = getattr(image, "n_frames", 1) if image.format == "TIFF" else 1
-    _require_size((pages, image.height, image.width)[pages == 1 :], max_pixels)
-    size, frames = image.size, []
-    for page in range(pages):
-        image.seek(page)
-        if image.size != size:
-            raise UnreadableMaskError(f"the pages of a TIFF must be of one size; got {size} and {image.size}")
-        frames.append(_brightness(image))
-    lossy = image.format in ("JPEG", "MPO") or "jpeg" in str(image.info.get("compression"))
-    colours = image.getpalette() if image.mode == "P" else None
-    labels = colours is not None and not colours[0::3] == colours[1::3] == colours[2::3]
-    return Values(np.stack(frames) if pages > 1 else frames[0], lossy, labels)
+def _png_depth(file: IO[bytes]) -> tuple[int | None, bool]:
+    """Bits of a channel in a PNG, and whether there are several channels; (None, False) for other files."""
+    header = file.read(26)
+    file.seek(0)
+    if len(header) < 26 or not header.startswith(b"\x89PNG\r\n\x1a\n"):
+        return None, False
+    return header[24], header[25] in (2, 4, 6)
 
 
-def _brightness(image: "Image") -> NDArray[Any]:
-    """One number a pixel: grey as it is, of colours the brightest channel, on black where transparent."""
-    if image.mode in ("1", "F") or image.mode.startswith("I"):
-        return np.asarray(image)
-    transparent = image.has_transparency_data
-    if image.mode == "L" and not transparent:
-        return np.asarray(image)
-    channels = np.asarray(image.convert("RGBA" if transparent else "RGB"))
-    bright: NDArray[Any] = np.maximum(np.maximum(channels[..., 0], channels[..., 1]), channels[..., 2])
-    if transparent:
-        opacity: NDArray[Any] = channels[..., 3]
-        bright = ((bright.astype(np.uint16) * opacity + 127) // 255).astype(np.uint8)
-        if bright.min() == bright.max():
-            return opacity
-    return bright
+def _values_of_image(image: "Image", bits: int | None) -> Values:
+    """The numbers of an image that Pillow has opened.
+
+    Args:
+        image: its first frame is read.
+        bits: of a pixel, where Pillow has scaled fewer than eight bits to eight.
+    """
+    lossy = image.format in ("JPEG", "MPO")
+    if image.mode == "P":
+        indices = np.asarray(image)
+        palette = np.array(image.getpalette("RGB"), dtype=np.uint8).reshape(-1, 3)
+        palette = np.vstack([palette, np.zeros((256 - len(palette), 3), np.uint8)])
+        opacity = np.asarray(image.convert("RGBA"))[..., 3] if image.has_transparency_data else None
+        return values_of_palette(indices, palette, opacity)
+    if image.mode in ("1", "L", "F") or image.mode.startswith("I"):
+        return _values_of_grey(image, lossy, bits)
+    channels = np.asarray(
+        image.convert("RGBA" if image.has_transparency_data else "RGB") if image.mode != "LA" else image
+    )
+    return values_of_colours(channels, lossy)
 
 
-def _read_odd_tiff(file: IO[bytes], max_pixels: int) -> Values:
-    """TIFF with samples that Pillow does not know, such as float64 or 16-bit colours."""
-    import tifffile
-
-    try:
-        file.seek(0)
-        with tifffile.TiffFile(file) as tiff:
-            series = tiff.series[0]
-            _require_size(series.shape, max_pixels)
-            array = series.asarray()
-            return Values(array[..., :3].max(axis=-1) if series.axes.endswith("S") else array)
-    except tifffile.TiffFileError as error:
-        raise UnreadableMaskError(f"not a TIFF image, or a damaged one ({error})") from error
+def _values_of_grey(image: "Image", lossy: bool, bits: int | None) -> Values:
+    array = np.asarray(image)
+    if image.mode.startswith("I") and image.format == "PNG":
+        array = array.astype(np.uint16)  # older versions of Pillow widen 16 bits to 32
+    top = None
+    if bits is not None:
+        top = 2**bits - 1
+        array = array // (255 // top)
+    clear = image.info.get("transparency")
+    if not isinstance(clear, int):
+        return Values(array, lossy, top=top)
+    if image.mode == "1":
+        clear = bool(clear)
+    transparent = array == clear
+    shown = np.where(transparent, np.zeros((), array.dtype), array)
+    # Where one colour is left, the opacity is the mask.
+    return Values(~transparent if shown.min() == shown.max() else shown, lossy, top=top)
 
 
 def _in_words(error: Exception) -> str:

@@ -39,8 +39,13 @@ class Score:
             field's maximum for the estimator "std"). Each name is a column of its own.
         peak: largest value of a level, in the same unit.
         peak_scale: scale k/D of the first level that reaches it, in (0, 1].
+        error_bound: how far any of `values` can be from that of the exact field, proven, in their unit.
         field_error_bound: certified relative error of the field.
         seconds: time taken to read and score the mask.
+        inside: which rule says what is inside: "nonzero", a threshold such as "> 127", "label 3", or "outline".
+        label: the label that the mask is of, if every label of a map has a row.
+        category: of an annotation in a COCO file, its category: the name if the file has one, else the id.
+        image: of an annotation in a COCO file, its image: the file name if the file has one, else the id.
         error: what went wrong, in words; None if nothing did.
         version: the version of torchlinf that scored the mask.
         measure: how complexity was measured, all options as JSON; see `torchlinf.Measure.settings`.
@@ -56,8 +61,13 @@ class Score:
     values: Mapping[str, float | None] = field(default_factory=dict)
     peak: float | None = None
     peak_scale: float | None = None
+    error_bound: float | None = None
     field_error_bound: float | None = None
     seconds: float | None = None
+    inside: str | None = None
+    label: int | None = None
+    category: str | None = None
+    image: str | None = None
     error: str | None = None
     version: str | None = None
     measure: str | None = None

@@ -1,7 +1,8 @@
 """Masks in files and archives in, one row of numbers a mask out. A bad mask gives a row with an error."""
 
 import time
-from collections.abc import Generator, Iterable
+from collections.abc import Collection, Generator, Iterable
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from typing import Any, Unpack
@@ -12,15 +13,16 @@ from numpy.typing import NDArray
 from torchlinf import __version__
 from torchlinf._boxes import bounding_box
 from torchlinf.measure import ComplexityProfile, Measure, MeasureOptions, ragged_profile, takes
-from torchlinf.scoring.mask_rules import MAX_PIXELS, read_source
+from torchlinf.scoring.mask_rules import MAX_PIXELS, Found, read_all, read_inside
 from torchlinf.scoring.options import ScoreOptions, score_measure
-from torchlinf.scoring.readers import UnreadableMaskError
 from torchlinf.scoring.rows import WINDOWS, Score
 from torchlinf.scoring.sources import Source
+from torchlinf.scoring.values import UnreadableMaskError
 from torchlinf.scoring.workers import in_order
 
 LONGEST = 500  # characters of an error: some quote a part of the file
 EMPTY = "no foreground: no pixel is inside"
+NOT_OF_A_MASK = ("path", "seconds", "inside", "label", "category", "image", "version", "measure")
 
 
 @takes(MeasureOptions, windows=WINDOWS)
@@ -47,7 +49,7 @@ def score_mask(inside: NDArray[np.bool_], **options: Unpack[MeasureOptions]) -> 
         (24, 2, 1, 0.0)
     """
     row = _numbers(inside, score_measure(options)).cells()
-    return {name: value for name, value in row.items() if name not in ("path", "seconds", "version", "measure")}
+    return {name: value for name, value in row.items() if name not in NOT_OF_A_MASK}
 
 
 @takes(MeasureOptions, windows=WINDOWS)
@@ -55,8 +57,14 @@ def score_masks(
     sources: Iterable[Source],
     *,
     threshold: float | None = None,
+    label: int | None = None,
+    nonzero: bool = False,
+    ignore: int | Collection[int] = (),
     invert: bool = False,
     max_pixels: int = MAX_PIXELS,
+    volume: bool = False,
+    labels: bool = False,
+    stack: bool = False,
     workers: int = 1,
     isolated: bool = False,
     **options: Unpack[MeasureOptions],
@@ -65,9 +73,15 @@ def score_masks(
 
     Args:
         sources: what `find_masks` found.
-        threshold: inside is what is greater, in each file's own units; None chooses by `RULE`.
+        threshold: inside is what is greater, in each file's own units.
+        label: inside is what has this label.
+        nonzero: inside is what is not 0: all labels as one shape. Without these three, `RULE` says what is inside.
+        ignore: values that are outside of everything, such as 255, the void of PASCAL VOC; also with `invert`.
         invert: swap inside and outside.
         max_pixels: larger images are refused.
+        volume: arrays of three axes, and TIFFs of several pages, are volumes (D, H, W).
+        labels: a row for each label of a map but 0, named with the label behind: "map.png#15".
+        stack: arrays of three axes, and TIFFs of several pages, are masks (N, H, W), each with a row: "stack.npy[0]".
         workers: how many masks are worked on at a time. The numbers do not depend on it. With several workers and
             over a hundred sources they are processes, so that the call must stand under
             `if __name__ == "__main__":` in a script.
@@ -76,8 +90,9 @@ def score_masks(
         {measure options}
 
     Returns:
-        An iterator of one row a source, each as soon as it and those before it are done. A mask that fails gives a row
-        with `error`. If `low` or `high` is given, or `windows` is None, the one window is called "complexity". Close
+        An iterator of one row a source (with `labels` and `stack` one a mask in it), each as soon as it and those
+        before it are done. A mask that fails gives a row with `error`. If `low` or `high` is given, or `windows` is
+        None, the one window is called "complexity". Close
         the iterator, for example by `contextlib.closing`, to end the workers before the last row.
 
     Raises:
@@ -91,7 +106,9 @@ def score_masks(
         >>> next(rows).error
         'no such file'
     """
-    chosen = ScoreOptions(threshold, invert, max_pixels, measure=score_measure(options))
+    chosen = ScoreOptions(
+        threshold, invert, max_pixels, None, score_measure(options), label, nonzero, ignore, volume, labels, stack
+    )
     return score_each(sources, chosen, workers=workers, isolated=isolated)
 
 
@@ -100,32 +117,51 @@ def score_source(
     source: Source,
     *,
     threshold: float | None = None,
+    label: int | None = None,
+    nonzero: bool = False,
+    ignore: int | Collection[int] = (),
     invert: bool = False,
     max_pixels: int = MAX_PIXELS,
+    volume: bool = False,
     **options: Unpack[MeasureOptions],
 ) -> Score:
     """Score one mask; whatever is wrong with it is the row's `error`.
 
     Args:
         source: one of those that `find_masks` found.
-        threshold: inside is what is greater, in the file's own units; None chooses by `RULE`.
+        threshold: inside is what is greater, in the file's own units.
+        label: inside is what has this label.
+        nonzero: inside is what is not 0: all labels as one shape. Without these three, `RULE` says what is inside.
+        ignore: values that are outside of everything, such as 255, the void of PASCAL VOC; also with `invert`.
         invert: swap inside and outside.
         max_pixels: a larger image is refused.
+        volume: arrays of three axes, and TIFFs of several pages, are volumes (D, H, W).
         {measure options}
 
     Raises:
         TypeError: `source` is not a `Source`, or an option is of the wrong type.
         ValueError: an option has a wrong value.
     """
-    return score_one(source, ScoreOptions(threshold, invert, max_pixels, measure=score_measure(options)))
+    chosen = ScoreOptions(threshold, invert, max_pixels, None, score_measure(options), label, nonzero, ignore, volume)
+    (row,) = score_rows(source, chosen)
+    return row
 
 
 def score_each(
     sources: Iterable[Source], options: ScoreOptions, *, workers: int = 1, isolated: bool = False
 ) -> Generator[Score]:
     """`score_masks` with options that have been checked."""
+    with closing(score_groups(sources, options, workers=workers, isolated=isolated)) as groups:
+        for rows in groups:
+            yield from rows
+
+
+def score_groups(
+    sources: Iterable[Source], options: ScoreOptions, *, workers: int = 1, isolated: bool = False
+) -> Generator[list[Score]]:
+    """As `score_each`, with the rows of a source in one list."""
     return in_order(
-        partial(score_one, options=options),
+        partial(score_rows, options=options),
         sources,
         workers=workers,
         seconds=_seconds,
@@ -134,18 +170,34 @@ def score_each(
     )
 
 
-def score_one(source: Source, options: ScoreOptions) -> Score:
-    """`score_source` with options that have been checked."""
+def score_rows(source: Source, options: ScoreOptions) -> list[Score]:
+    """The rows of a source: one, or with the options `labels` and `stack` one for each mask in it."""
     if not isinstance(source, Source):
         raise TypeError(f"sources must be what find_masks found; got {source!r}. Pass find_masks(paths).")
-    start, row = time.perf_counter(), blank_row(source.name, options.measure)
+    rows: list[Score] = []
+    blank = replace(blank_row(source.name, options.measure), category=source.category, image=source.image)
+    start = time.perf_counter()
     try:
-        numbers = _numbers(read_source(source, **options.reading), options.measure)
-        row = replace(numbers, path=row.path)
+        for found in read_all(source, options.reading):
+            row = _row(found, replace(blank, path=source.name + found.suffix), options.measure)
+            rows.append(replace(row, seconds=round(time.perf_counter() - start, 6)))
+            start = time.perf_counter()
     except Exception as error:
-        # The others go on, whatever this one met: a field that does not converge, memory that runs out.
-        row = replace(row, error=error_text(error))
-    return replace(row, seconds=round(time.perf_counter() - start, 6))
+        # The others go on, whatever this one met: a damaged file, memory that runs out.
+        rows.append(replace(blank, error=error_text(error), seconds=round(time.perf_counter() - start, 6)))
+    return rows
+
+
+def _row(found: Found, blank: Score, measure: Measure) -> Score:
+    row = replace(blank, inside=found.rule, label=found.label)
+    try:
+        numbers = _numbers(found.inside, measure)
+    except Exception as error:  # a field that does not converge
+        return replace(row, error=error_text(error))
+    kept = ("path", "inside", "label", "category", "image")
+    own = {name: getattr(row, name) for name in kept}
+    width, height, depth = (*reversed(found.shape), None)[:3]
+    return replace(numbers, **own, width=width, height=height, depth=depth)
 
 
 def blank_row(path: str, measure: Measure, error: str | None = None) -> Score:
@@ -164,7 +216,7 @@ def profile_source(source: Source, options: ScoreOptions) -> tuple[ComplexityPro
         UnreadableMaskError: there is no mask, or no pixel is inside.
         RuntimeError: the field could not be solved.
     """
-    inside = read_source(source, **options.reading)
+    inside = read_inside(source, options.reading).inside
     if not inside.any():
         raise UnreadableMaskError(EMPTY)
     return ragged_profile([inside].__getitem__, 1, options.measure), inside
@@ -194,14 +246,15 @@ def _numbers(inside: NDArray[np.bool_], measure: Measure) -> Score:
         values={name: profile.mean(*ends).item() for name, ends in measure.named_windows().items()},
         peak=peak.item(),
         peak_scale=peak_scale.item(),
+        error_bound=max(profile.error_bound(*ends).item() for ends in measure.named_windows().values()),
         field_error_bound=profile.field_error_bound.item(),
     )
 
 
-def _seconds(row: Score) -> float:
-    return row.seconds or 0.0
+def _seconds(rows: list[Score]) -> float:
+    return sum(row.seconds or 0.0 for row in rows)
 
 
-def _died(source: Source, options: ScoreOptions) -> Score:
+def _died(source: Source, options: ScoreOptions) -> list[Score]:
     error = "the process that scored it was killed or crashed; it may need more memory"
-    return blank_row(source.name, options.measure, error)
+    return [blank_row(source.name, options.measure, error)]

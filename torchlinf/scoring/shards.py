@@ -17,7 +17,7 @@ from pathlib import Path
 from torchlinf.scoring.atomic_write import replace_file
 from torchlinf.scoring.options import ScoreOptions
 from torchlinf.scoring.rows import Score
-from torchlinf.scoring.score import blank_row, score_each
+from torchlinf.scoring.score import blank_row, score_groups
 from torchlinf.scoring.sources import Source, find_files, open_file
 from torchlinf.scoring.tables import write_table
 
@@ -200,8 +200,9 @@ def _rows(shard: Shard, options: ScoreOptions, isolated: bool) -> Iterator[Score
                 yield source, replace(source, path=file.path).name
 
     sources, names = tee(named())
-    rows = score_each((source for source, _ in sources), options, isolated=isolated)
-    return (replace(row, path=name) for row, (_, name) in zip(rows, names, strict=True))
+    groups = score_groups((source for source, _ in sources), options, isolated=isolated)
+    for rows, (source, name) in zip(groups, names, strict=True):
+        yield from (replace(row, path=name + row.path.removeprefix(source.name)) for row in rows)
 
 
 def _given_up(shard: Shard, options: ScoreOptions, lost: int) -> list[Score]:

@@ -10,9 +10,10 @@ from pathlib import Path
 
 from torchlinf.scoring.archives import tar_masks
 from torchlinf.scoring.byte_ranges import ByteRange
-from torchlinf.scoring.coco import Outline, coco_masks
+from torchlinf.scoring.coco import Outline, Segment, coco_masks
 from torchlinf.scoring.in_memory import InMemory
-from torchlinf.scoring.readers import SUFFIXES, UnreadableMaskError, arrays_in
+from torchlinf.scoring.readers import SUFFIXES, arrays_in
+from torchlinf.scoring.values import UnreadableMaskError
 
 
 @dataclass(frozen=True)
@@ -24,14 +25,18 @@ class Source:
         member: which of the masks in it: the array of an .npz archive that holds several, the member of a tar archive,
             the id of an annotation.
         error: why there is nothing to read, if that is known already.
-        data: where the mask's data is, if it is not the whole file: a byte range of a tar archive, an outline of a COCO
-            file, or a mask in memory.
+        data: where the mask's data is, if it is not the whole file: a byte range of a tar archive, an outline or a
+            segment of a COCO file, or a mask in memory.
+        category: of an annotation, its category: the name, or the id if the file has none.
+        image: of an annotation, its image: the file name, or the id if the file has none.
     """
 
     path: Path
     member: str | None = None
     error: str | None = None
-    data: ByteRange | Outline | InMemory | None = None
+    data: ByteRange | Outline | Segment | InMemory | None = None
+    category: str | None = None
+    image: str | None = None
 
     @property
     def name(self) -> str:
@@ -72,7 +77,11 @@ def open_file(file: Source, members: str | None = None) -> Iterator[Source]:
     suffix, is_file = file.path.suffix.lower(), os.path.isfile(file.path)  # opening a named pipe would wait for ever
     if file.error is None and is_file and suffix in (".tar", ".json"):
         try:
-            for name, data, error in tar_masks(file.path, members) if suffix == ".tar" else coco_masks(file.path):
+            if suffix == ".json":
+                for one in coco_masks(file.path):
+                    yield Source(file.path, one.name, one.error, one.outline, one.category, one.image)
+                return
+            for name, data, error in tar_masks(file.path, members):
                 yield Source(file.path, name, error, data)
         except tarfile.TarError as damage:
             yield Source(file.path, error=f"not an uncompressed tar archive, or a damaged one ({damage})")

@@ -36,16 +36,16 @@ class Writer:
     """What takes rows, called with one at a time.
 
     Attributes:
-        write: keeps a row, in full or not at all.
+        write: keeps rows, all or none.
         done: of every mask that the table held before, the path and the error, None if there was none.
     """
 
-    write: Callable[[Score], None]
+    write: Callable[..., None]
     done: Mapping[str, str | None] = field(default_factory=dict)
 
-    def __call__(self, row: Score) -> None:
-        """Keep a row."""
-        self.write(row)
+    def __call__(self, *rows: Score) -> None:
+        """Keep the rows of a source, all or none, so that a stopped run leaves no source half done."""
+        self.write(*rows)
 
 
 @takes(MeasureOptions, windows=WINDOWS)
@@ -73,7 +73,7 @@ def open_table(
         {measure options}
 
     Yields:
-        The function that takes one row. Its attribute `done` names the masks that the table holds already.
+        The function that takes a row, or several. Its attribute `done` names the masks that the table holds already.
 
     Raises:
         OSError: the table cannot be opened or written, or another run is writing it.
@@ -230,14 +230,14 @@ def _lines(rows: Iterable[Score], columns: Sequence[str], as_json: bool) -> Iter
 
 
 @contextmanager
-def _stream(file: TextIO, as_json: bool, measure: Measure) -> Iterator[Callable[[Score], None]]:
+def _stream(file: TextIO, as_json: bool, measure: Measure) -> Iterator[Callable[..., None]]:
     """What sends each row on at once, as text; for a terminal, the table for people when the context ends."""
     if not as_json and file.isatty():
-        rows: list[Score] = []
+        shown: list[Score] = []
         try:
-            yield rows.append
+            yield lambda *rows: shown.extend(rows)
         finally:
-            print_table(rows)
+            print_table(shown)
         return
 
     def send(line: str) -> None:
@@ -246,4 +246,4 @@ def _stream(file: TextIO, as_json: bool, measure: Measure) -> Iterator[Callable[
 
     if not as_json:
         send(csv_line(columns(measure.named_windows())))
-    yield lambda row: send(json_line(row) if as_json else csv_line(row.cells().values()))
+    yield lambda *rows: send("".join(json_line(row) if as_json else csv_line(row.cells().values()) for row in rows))

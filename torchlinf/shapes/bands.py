@@ -44,7 +44,7 @@ def band(points: Sequence[Sequence[int]], width: int, *, margin: int = 0) -> Ten
     width = count(width, "width")
     low = _starts(points)
     low = low - low.amin(dim=0)
-    whole = torch.zeros((low.amax(dim=0) + width).tolist(), dtype=torch.bool)
+    whole = torch.zeros((low.amax(dim=0) + width).tolist(), dtype=torch.bool, device="cpu")
     for corner in low.tolist():
         whole[tuple(slice(start, start + width) for start in corner)] = True
     return with_margin(whole, margin)
@@ -75,7 +75,7 @@ def diagonal_pair(side: int, shift: int, *, margin: int = 0) -> Tensor:
     side, shift = count(side, "side"), integer(shift, "shift", 0)
     if shift > side:
         raise ValueError(f"shift must be from 0 to side={side}; got {shift}. Pass side for squares that touch.")
-    whole = torch.zeros(side + shift, side + shift, dtype=torch.bool)
+    whole = torch.zeros(side + shift, side + shift, dtype=torch.bool, device="cpu")
     whole[:side, :side] = whole[shift:, shift:] = True
     return with_margin(whole, margin)
 
@@ -89,7 +89,7 @@ def _starts(points: Sequence[Sequence[int]]) -> Tensor:
             f"points must be 1 or more, of the same 1 to 4 coordinates; got {list(points)}. "
             "Pass for example [(0, 0), (30, 0)]."
         )
-    corners = torch.tensor([[_coordinate(x) for x in point] for point in points])  # (P, ndim)
+    corners = torch.tensor([[_coordinate(x) for x in point] for point in points], device="cpu")  # (P, ndim)
     line = [corners[:1]]
     for start, stop in pairwise(corners):
         steps = int((stop - start).abs().max())
@@ -98,7 +98,7 @@ def _starts(points: Sequence[Sequence[int]]) -> Tensor:
                 "points must follow each other along an axis or a diagonal; "
                 f"got {start.tolist()} to {stop.tolist()}. Put a corner between them."
             )
-        line.append(start + (stop - start).sign() * torch.arange(1, steps + 1)[:, None])
+        line.append(start + (stop - start).sign() * torch.arange(1, steps + 1, device="cpu")[:, None])
     return torch.cat(line)
 
 

@@ -53,7 +53,7 @@ def box(*sides: int, margin: int = 0) -> Tensor:
     """
     if not 1 <= len(sides) <= 4:
         raise ValueError(f"sides must be 1 to 4 numbers; got {len(sides)}. Pass one side for each dimension.")
-    return with_margin(torch.ones([count(side, "side") for side in sides], dtype=torch.bool), margin)
+    return with_margin(torch.ones([count(side, "side") for side in sides], dtype=torch.bool, device="cpu"), margin)
 
 
 def rectangle(height: int, width: int, *, margin: int = 0) -> Tensor:
@@ -77,7 +77,7 @@ def rectangle(height: int, width: int, *, margin: int = 0) -> Tensor:
                 [0, 1, 1, 1, 0],
                 [0, 0, 0, 0, 0]], dtype=torch.int32)
     """
-    return with_margin(torch.ones(count(height, "height"), count(width, "width"), dtype=torch.bool), margin)
+    return box(count(height, "height"), count(width, "width"), margin=margin)
 
 
 def disc(radius: float, *, margin: int = 0) -> Tensor:
@@ -138,4 +138,4 @@ def superellipse(radius: float, exponent: float, *, margin: int = 0) -> Tensor:
 
 def _offsets(radius: float) -> Tensor:
     reach = math.floor(radius)
-    return torch.arange(-reach, reach + 1, dtype=torch.float64)
+    return torch.arange(-reach, reach + 1, dtype=torch.float64, device="cpu")
