@@ -236,7 +236,7 @@ def _weight(weight: Weight) -> float | tuple[float, ...]:
     plain = weight.tolist() if hasattr(weight, "tolist") else weight
     if isinstance(plain, Sequence) and not isinstance(plain, str):
         return tuple(not_negative(number, "weight") for number in plain)
-    return not_negative(plain, "weight")
+    return not_negative(plain, "weight")  # type: ignore[arg-type]
 
 
 def _check_input(input: Tensor, target: Tensor | None, mask: Tensor | None) -> None:
