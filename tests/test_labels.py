@@ -210,3 +210,18 @@ def test_without_a_compiler_objects_are_solved_in_torch_operations(monkeypatch: 
     table = complexity_table(label_map())
     np.testing.assert_allclose(table["complexity"], expected["complexity"], rtol=0, atol=1e-9)
     np.testing.assert_array_equal(table["radius"], expected["radius"])
+
+
+def test_masked_arrays_and_tables() -> None:
+    pandas = pytest.importorskip("pandas")
+    label_map = np.zeros((9, 20), dtype=int)
+    label_map[1:7, 1:8], label_map[2:8, 10:18] = 1, 2 * np.tri(6, 8, dtype=int)
+    expected = complexity_table(label_map * (label_map == 2), properties=["area"])
+    masked = complexity_table(np.ma.masked_array(label_map, mask=label_map == 1), properties=np.array(["area"]))
+    for name in ("label", "area", "complexity"):
+        assert masked[name].tolist() == expected[name].tolist()
+    options = {"properties": ["intensity_mean"]}
+    table = complexity_table(pandas.DataFrame(label_map), intensity_image=pandas.DataFrame(label_map), **options)
+    assert table["intensity_mean"].tolist() == [1, 2]
+    with pytest.raises(ValueError, match="intensity_image must have no masked pixels"):
+        complexity_table(label_map, intensity_image=np.ma.masked_array(label_map, mask=label_map == 1), **options)

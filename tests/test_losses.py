@@ -471,3 +471,35 @@ def test_wrong_sizes_beside_the_input() -> None:
         ShapeComplexityLoss(weight=[1.0, 2.0])(probability)
     with pytest.raises(ValueError, match="2 channels or more"):
         ShapeComplexityLoss(include_background=False)(probability[:, :1])
+
+
+@pytest.mark.parametrize("order", [(0, 2, 3, 1), (1, 0, 2, 3), (0, 1, 3, 2)])
+def test_compiled_on_inputs_of_any_strides(order: tuple[int, ...]) -> None:
+    torch.compiler.reset()
+    dense = torch.rand(
+        tuple(torch.tensor([2, 3, 8, 9])[list(order)].tolist()), generator=torch.Generator().manual_seed(0)
+    )
+    permuted = dense.permute(tuple(order.index(axis) for axis in range(4)))
+    assert not permuted.is_contiguous()
+    loss = ShapeComplexityLoss(max_flips=2)
+    compiled = torch.compile(loss, fullgraph=True, backend="aot_eager")
+    gradients = []
+    for function in (loss, compiled):
+        leaf = permuted.detach().requires_grad_()
+        gradients.append(torch.autograd.grad(function(leaf), leaf)[0])
+    torch.testing.assert_close(*gradients)
+
+
+def test_the_loss_measures_by_all_options() -> None:
+    disc = shapes.disc(8)[None, None].float()
+    for options in ({"levels": "rim"}, {"levels": "rim", "estimator": "std"}, {"tol": 0.1, "tol_bits": float("inf")}):
+        assert ShapeComplexityLoss(**options)(disc) == torchlinf.complexity(disc, **options).float()
+
+
+def test_probabilities_a_rounding_above_1() -> None:
+    disc = shapes.disc(8)[None, None].float() * (1 + 2**-23)
+    assert disc.max() > 1
+    assert ShapeComplexityLoss()(disc) == torchlinf.complexity(disc > 0).float()
+    assert torch.equal(torchlinf.soft_complexity(disc), torchlinf.soft_complexity((disc > 0).float()))
+    with pytest.raises(ValueError, match=r"must hold probabilities in \[0, 1\]"):
+        ShapeComplexityLoss()(disc * 1.00001)

@@ -173,3 +173,35 @@ def test_wrong_predictions(options: dict[str, Any], preds: Any, error: type[Exce
 def test_wrong_targets(target: Any, error: type[Exception], words: str) -> None:
     with pytest.raises(error, match=words):
         ShapeComplexity(3).update(masks(), target)
+
+
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.uint16, torch.uint32, torch.uint64, torch.int8, torch.int64])
+def test_labels_of_any_integer_dtype(dtype: torch.dtype) -> None:
+    index = labels()
+    metric = ShapeComplexity(3, input_format="index", average="none")
+    expected = metric(index, index)
+    assert torch.equal(
+        ShapeComplexity(3, input_format="index", average="none")(index.to(dtype), index.to(dtype)), expected
+    )
+    with pytest.raises(ValueError, match="preds must hold labels from 0 to 1; got 2"):
+        ShapeComplexity(2, input_format="index")(index.to(dtype))
+
+
+def test_labels_of_one_class_are_0_outside_and_1() -> None:
+    predicted = masks()[:, :1]
+    target = torch.zeros(6, 19, 26, dtype=torch.long)
+    assert ShapeComplexity(1)(predicted, target).isnan()
+    target[2, 3, 4], target[4, 5, 6] = 1, 255
+    metric = ShapeComplexity(1, ignore_index=255)
+    assert torch.allclose(metric(predicted, target), by_class(predicted)[2].float())
+    with pytest.raises(ValueError, match="target must hold 0 and 1 beside num_classes=1; got 255"):
+        ShapeComplexity(1)(predicted, target)
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.float64])
+def test_states_stay_whole_numbers(dtype: torch.dtype) -> None:
+    index = labels()
+    expected = ShapeComplexity(3, input_format="index")(index)
+    metric = ShapeComplexity(3, input_format="index")
+    assert metric.set_dtype(dtype) is metric
+    assert torch.equal(metric(index), expected)

@@ -356,3 +356,10 @@ def test_without_matplotlib_it_says_what_to_install(monkeypatch: pytest.MonkeyPa
             draw(DISC)
     with pytest.raises(ImportError, match=r"pip install 'torchlinf\[plot\]'"):
         plot.decision_regions(decision_region_complexity(lambda p: p[:, 0] > 1, [(0, 3), (0, 2)], resolution=7))
+
+
+def test_thirty_classes_have_colours_of_their_own() -> None:
+    found = decision_region_complexity(lambda p: (p[:, 0] * 30).long(), [(0, 0.999), (0, 1)], resolution=(30, 2))
+    assert len(found.classes) == 30
+    handles = plot.decision_regions(found).get_legend().get_patches()
+    assert len({patch.get_facecolor() for patch in handles}) == 30

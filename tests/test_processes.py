@@ -45,6 +45,29 @@ def test_loader_workers_after_the_parent_used_the_kernels(start: str) -> None:
     assert [value.item() for value in loader] == expected
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="forks")
+def test_a_forked_pool_after_the_parent_scored_objects() -> None:
+    """No call of the pipeline starts OpenMP's threads, which a forked child would wait for without end."""
+    script = """
+import multiprocessing, os, threading
+import numpy as np, torch, torchlinf
+from torchlinf.labels import complexity_table
+torch.set_num_threads(2)
+label_map = np.zeros((40, 90), dtype=int)
+label_map[2:30, 2:30], label_map[5:38, 40:73] = 1, 2 * np.tri(33, dtype=int)
+def score(_):
+    # A child that hangs dies, and the pool with it.
+    threading.Timer(60, os._exit, [1]).start() if multiprocessing.parent_process() else None
+    masks = torch.stack([torchlinf.shapes.disc(12)] * 4)
+    return complexity_table(label_map)["complexity"].tolist() + torchlinf.complexity(masks, spatial_ndim=2).tolist()
+expected = score(0)
+pool = multiprocessing.get_context("fork").Pool(2)
+print(pool.map_async(score, range(4)).get(50) == [expected] * 4, flush=True)
+os._exit(0)
+"""
+    assert run(script) == "True\n"
+
+
 def test_without_numba_everything_works_on_the_torch_path() -> None:
     script = """
 import sys

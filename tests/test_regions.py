@@ -598,7 +598,7 @@ def test_the_loss_refuses() -> None:
             wrong()
     with pytest.raises(TypeError, match=r"rho must be None or one number here; got a tensor \(2,\)"):
         regions.DecisionRegionLoss(BOUNDS, rho=torch.ones(2))
-    with pytest.raises(TypeError, match="relative_margin must be a finite number"):
+    with pytest.raises(TypeError, match="relative_margin must be a number of 0 or more"):
         regions.DecisionRegionLoss(relative_margin="wide")(model, X[:3])
     with pytest.raises(ValueError, match="1 to 3 features"):
         regions.DecisionRegionLoss([(0, 1)] * 4)

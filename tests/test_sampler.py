@@ -1,7 +1,9 @@
 """ComplexitySampler: which samples are drawn, how often, and by whom."""
 
+import warnings
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -149,3 +151,30 @@ def test_options_of_a_wrong_type(options: dict[str, Any], words: str) -> None:
 def test_wrong_schedules(options: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         list(ComplexitySampler(SCORES, **options))
+
+
+def test_scores_of_any_kind() -> None:
+    pandas = pytest.importorskip("pandas")
+    plain = [1.0, 2.0, 3.0]
+    frozen = np.array(plain)
+    frozen.flags.writeable = False
+    expected = list(ComplexitySampler(torch.tensor(plain)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for scores in (frozen, np.array(plain, ">f4"), pandas.Series(plain, index=[5, 6, 7]), tuple(plain)):
+            assert list(ComplexitySampler(scores)) == expected
+            weighted = ComplexitySampler(scores, weight=lambda s: pandas.Series(s.numpy() == 2, index=[7, 8, 9]))
+            assert list(weighted) == [1, 1, 1]
+        for scores in (
+            pandas.Series([1.0, None, 3.0], dtype="Float64"),
+            np.ma.masked_array(plain, [False, True, False]),
+        ):
+            assert sorted(ComplexitySampler(scores)) == [0, 2]
+
+
+def test_more_samples_than_multinomial_takes() -> None:
+    scores = torch.zeros(2**24 + 2, dtype=torch.float32)
+    scores[-3:] = 1
+    sampler = ComplexitySampler(scores, weight=lambda s: s, num_samples=99)
+    drawn = list(sampler)
+    assert set(drawn) == {2**24 - 1, 2**24, 2**24 + 1}

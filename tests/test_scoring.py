@@ -169,7 +169,7 @@ def test_wrong_options_are_no_rows(options: dict[str, object], error: type, word
 
 
 def test_settings_of_reading_are_checked() -> None:
-    with pytest.raises(TypeError, match="threshold must be None or a number; got '127'"):
+    with pytest.raises(TypeError, match="threshold must be a number or None; got '127'"):
         score_masks([], threshold="127")
     with pytest.raises(ValueError, match="max_pixels must be an integer of 1 or more; got 0"):
         score_masks([], max_pixels=0)

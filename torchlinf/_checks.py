@@ -214,6 +214,17 @@ def integer(value: int, name: str, least: int) -> int:
     return int(value)
 
 
+def whole(value: int, name: str) -> int:
+    """Return `value` as an int if it is an integer of either sign, else raise.
+
+    >>> whole(-3, "points")
+    -3
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise TypeError(f"{name} must be integers; got {value!r}. Round them to whole pixels.")
+    return int(value)
+
+
 def count(value: int, name: str) -> int:
     """Return `value` as an int if it is an integer of 1 or more, else raise.
 

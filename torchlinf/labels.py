@@ -35,7 +35,8 @@ def complexity_table(
 
     Args:
         label_map: (H, W) or (D, H, W), or any other number of dimensions from 1 to 4; integers, 0 is background, all
-            else is the label of an object. Labels may be huge and have gaps; memory grows with the map alone.
+            else is the label of an object; masked pixels of a masked array are background. Labels may be huge and have
+            gaps; memory grows with the map alone.
         properties: names of properties of `skimage.measure.regionprops_table`, such as "area", "eccentricity" or
             "centroid", whose columns stand beside; 2-D and 3-D only.
         intensity_image: like the map, or with a last dimension of channels, for properties that need it, such as
@@ -119,6 +120,8 @@ def complexity_table(
 
 
 def _label_map(label_map: Tensor | ArrayLike) -> NDArray[Any]:
+    if np.ma.isMaskedArray(label_map):
+        label_map = np.ma.filled(label_map, 0)  # what is masked is background
     labels = label_map.numpy(force=True) if isinstance(label_map, Tensor) else np.asarray(label_map)
     if labels.dtype.kind not in "iu":
         remedy = (
@@ -162,6 +165,8 @@ def _touches(box: Box, shape: tuple[int, ...]) -> bool:
 
 
 def _names(properties: Sequence[str]) -> list[str]:
+    if hasattr(properties, "tolist"):  # an array, or the columns of a table
+        properties = properties.tolist()
     if (
         isinstance(properties, str)
         or not isinstance(properties, Sequence)
@@ -186,6 +191,13 @@ def _properties(
         spacing = tuple(positive(size, "spacing") for size in spacing)
     if isinstance(intensity_image, Tensor):
         intensity_image = intensity_image.numpy(force=True)
+    elif np.ma.isMaskedArray(intensity_image) and np.ma.getmaskarray(intensity_image).any():
+        raise ValueError(
+            "intensity_image must have no masked pixels; got some. Set label_map to 0 there, and pass "
+            "intensity_image.data."
+        )
+    elif intensity_image is not None:
+        intensity_image = np.asarray(intensity_image)
     if intensity_image is not None and np.shape(intensity_image)[: numbered.ndim] != numbered.shape:
         raise ValueError(
             f"intensity_image must have the shape of label_map, {numbered.shape}; got {np.shape(intensity_image)}. "

@@ -78,7 +78,8 @@ class ShapeComplexity(Metric):
     Shape:
         - preds: (B, C, *spatial) or (B, *spatial), as `input_format` says, with 1 to 4 spatial dimensions, on any
           device.
-        - target: optional, (B, C, *spatial), nonzero is inside, or (B, *spatial) integer labels; the rank tells.
+        - target: optional, (B, C, *spatial), nonzero is inside, or (B, *spatial) integer labels; the rank tells. Beside
+          one-hot predictions of one class the labels are 0, outside, and 1.
         - output of `forward` and `compute`: a float32 number, or (C,) for average "none", in bits (share of the field's
           maximum for "std"), in [0, `measure.largest`], lower is simpler; NaN where there is no shape. With `windows` a
           dictionary of them by name. Full masks give 0.0.
@@ -169,6 +170,10 @@ class ShapeComplexity(Metric):
         self.total.index_add_(1, classes.to(self.total.device), whole.to(self.total.device))
         self.num_shapes.index_add_(0, classes.to(self.num_shapes.device), (~blank).long().to(self.num_shapes.device))
         self.num_empty.index_add_(0, classes.to(self.num_empty.device), blank.long().to(self.num_empty.device))
+
+    def set_dtype(self, dst_type: str | torch.dtype) -> "ShapeComplexity":
+        """Nothing to do: the states are whole numbers, exact in any precision, and stay so."""
+        return self
 
     def compute(self) -> Tensor | dict[str, Tensor]:
         """The result over all shapes so far, as the class describes it."""
@@ -271,6 +276,9 @@ class InputFormat:
         if target.ndim == masks.ndim:
             self._check_channels(target, "target")
             inside = target != 0
+        elif self.num_classes == 1 and self.input_format == "one-hot" and target.ndim == masks.ndim - 1:
+            # Labels of one class beside an unnamed background: 0 is the background, not the class.
+            inside = self._binary(target)[:, None]
         else:
             _check_rank(target, 1, "Pass (B, *spatial) labels or (B, C, *spatial) masks.", "target")
             inside = self._one_hot(target, "target")
@@ -281,10 +289,24 @@ class InputFormat:
             )
         return inside.flatten(2).any(dim=2)
 
+    def _binary(self, target: Tensor) -> Tensor:
+        """Where a target (B, *spatial) of 0 and 1 is 1; what is to be ignored is outside."""
+        inside = target == 1
+        wrong = ~(inside | (target == 0))
+        if self.ignore_index is not None:
+            wrong &= target != self.ignore_index
+        if bool(wrong.any()):
+            raise ValueError(
+                f"target must hold 0 and 1 beside num_classes=1; got {target[wrong][0].item()}. Pass it as "
+                "ignore_index if it stands for no class."
+            )
+        return inside
+
     def _one_hot(self, labels: Tensor, name: str) -> Tensor:
         """One mask for each class of integer labels (B, *spatial)."""
         if labels.is_floating_point() or labels.is_complex() or labels.dtype == torch.bool:
             raise TypeError(f"{name} must hold integer labels; got {labels.dtype}. Pass {name}.long().")
+        labels = labels.long()  # torch cannot compare unsigned integers of more than 8 bits
         wrong = (labels < 0) | (labels >= self.num_classes)
         if self.ignore_index is not None:
             wrong &= labels != self.ignore_index

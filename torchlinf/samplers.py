@@ -3,7 +3,9 @@
 from collections.abc import Callable, Iterator, Sequence
 from math import ceil, inf
 
+import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 from torch.utils.data import Sampler
 
@@ -20,8 +22,8 @@ class ComplexitySampler(Sampler[int]):
     the share, so that schedules of the learning rate need not know of it; a small pool is gone through several times.
 
     Args:
-        scores: (N,) the complexity of each sample. Samples with NaN, those without a mask, are never drawn. Pass
-            `-scores` to begin with the most complex ones.
+        scores: (N,) the complexity of each sample, a tensor, array, list or column of a table. Samples with NaN, those
+            without a mask, are never drawn. Pass `-scores` to begin with the most complex ones.
         between: keep only samples whose score is in this closed range, for example (0.0, 3.0).
         share: the share of the kept samples, the simplest ones, that an epoch draws from: a number in (0, 1], or a
             function of the epoch (0, 1, 2 ...).
@@ -47,7 +49,7 @@ class ComplexitySampler(Sampler[int]):
 
     def __init__(
         self,
-        scores: Tensor | Sequence[float],
+        scores: Tensor | ArrayLike,
         *,
         between: tuple[float, float] | None = None,
         share: float | Callable[[int], float] = 1.0,
@@ -94,7 +96,7 @@ class ComplexitySampler(Sampler[int]):
             rounds = [torch.randperm(pool, generator=generator, device="cpu") for _ in range(ceil(total / pool))]
             drawn = torch.cat(rounds)[:total]
         else:
-            drawn = torch.multinomial(self._weights(pool), total, replacement=True, generator=generator)
+            drawn = _draw(self._weights(pool), total, generator)
         return iter(self.indices[drawn[self.rank :: self.num_replicas]].tolist())
 
     def _pool(self, epoch: int) -> int:
@@ -104,19 +106,48 @@ class ComplexitySampler(Sampler[int]):
 
     def _weights(self, pool: int) -> Tensor:
         assert self.weight is not None
-        weights = torch.as_tensor(self.weight(self.scores[:pool]), dtype=torch.float64, device="cpu")
+        answer = self.weight(self.scores[:pool])
+        try:
+            weights = _row(answer)
+        except (TypeError, ValueError, RuntimeError):
+            weights = torch.empty(0)
         good = weights.shape == (pool,) and bool((weights.isfinite() & (weights >= 0)).all()) and weights.sum() > 0
         if not good:
             raise ValueError(
-                f"weight must give {pool} finite numbers of 0 or more, not all 0; got {weights}. "
+                f"weight must give {pool} finite numbers of 0 or more, not all 0; got {answer}. "
                 "Pass for example weight=torch.exp."
             )
         return weights
 
 
-def _scores(scores: Tensor | Sequence[float]) -> Tensor:
+def _draw(weights: Tensor, number: int, generator: torch.Generator) -> Tensor:
+    """Indices in proportion to their weights, with replacement; `torch.multinomial` takes 2^24 weights at most.
+
+    Example:
+        >>> _draw(torch.tensor([0.0, 2.0, 0.0]), 3, torch.Generator().manual_seed(0))
+        tensor([1, 1, 1])
+    """
+    below = weights.double().cumsum(0)
+    place = torch.rand(number, dtype=torch.float64, device="cpu", generator=generator) * below[-1]
+    # A product that is rounded up to the sum belongs to the last that has a weight.
+    return torch.searchsorted(below, place, right=True).clamp(max=int(weights.nonzero()[-1]))
+
+
+def _row(numbers: Tensor | ArrayLike) -> Tensor:
+    """Numbers as float64 on the CPU; columns of tables and read-only arrays too. What is masked is NaN."""
+    if isinstance(numbers, Tensor):
+        return numbers.detach().to("cpu", torch.float64)
+    if np.ma.isMaskedArray(numbers):
+        numbers = np.ma.filled(np.ma.asarray(numbers, dtype=np.float64), np.nan)
+    array = np.asarray(numbers)
+    if array.dtype.kind not in "biufO" or numbers is None:
+        raise TypeError("no numbers")
+    return torch.from_numpy(array.astype(np.float64))  # a copy, which may be written to
+
+
+def _scores(scores: Tensor | ArrayLike) -> Tensor:
     try:
-        values = torch.as_tensor(scores, dtype=torch.float64, device="cpu").detach()
+        values = _row(scores)
     except (TypeError, ValueError, RuntimeError):
         raise TypeError(
             f"scores must be a row of numbers; got {type(scores).__name__}. Pass a tensor or a list of floats."
@@ -129,6 +160,8 @@ def _scores(scores: Tensor | Sequence[float]) -> Tensor:
 def _range(between: tuple[float, float] | None) -> tuple[float, float]:
     if between is None:
         return -inf, inf
+    if isinstance(between, np.ndarray):
+        between = between.tolist()
     wanted = "a pair (lowest, highest) or None"
     if isinstance(between, str) or not isinstance(between, Sequence) or len(between) != 2:
         raise TypeError(f"between must be {wanted}; got {between!r}. Pass for example (0.0, 3.0).")

@@ -60,22 +60,21 @@ fig.supxlabel("The squares are 128 pixels wide, the appendages 32.", fontsize=10
 plt.show()
 
 # %%
-# What the two kinds of levels are, where an appendage meets the body. The *level* at distance 12 is every pixel whose
-# distance is 12. Its *rim* is those of them that touch a pixel of smaller distance through a face. At a joint, a corner
-# that points inwards, the level has a pixel more, which touches smaller distances at a corner only.
+# What the two kinds of levels are, at a corner that points inwards. The *level* at distance 4 is every pixel whose
+# distance is 4. Its *rim* is those of them that touch a pixel of smaller distance through a face. At the joint the
+# level has a pixel more, which touches smaller distances at a corner only.
 
-corner = with_appendages((128, 128), [Appendage("right", WIDTH, DEPTH)])[20:72, 90:142]
-whole = torchlinf.chessboard_distance(with_appendages((128, 128), [Appendage("right", WIDTH, DEPTH)]), spatial_ndim=2)
-cut = whole[20:72, 90:142].numpy()
-padded = np.pad(whole.numpy(), 1)
-faces = [padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]]
-on_rim = (np.min(faces, axis=0) < whole.numpy())[20:72, 90:142]
+body = with_appendages((128, 128), [Appendage("right", WIDTH, DEPTH)])
+distance = torchlinf.chessboard_distance(body, spatial_ndim=2).numpy()
+padded = np.pad(distance, 1)
+beside = np.min([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]], axis=0)
+joint = slice(40, 58), slice(116, 134)
 fig, axes = plt.subplots(1, 2, figsize=(8, 3.8), layout="constrained", sharey=True)
-for ax, chosen, title in zip(axes, (cut == 12, (cut == 12) & on_rim), ("level", "rim"), strict=True):
-    ax.imshow(corner.numpy() * 0.25 + chosen, cmap="Blues", vmax=1.4)
-    ax.set(title=f"the {title} at distance 12: {int(chosen.sum())} pixels here", xticks=[], yticks=[])
+for ax, chosen, title in zip(axes, (distance == 4, (distance == 4) & (beside < 4)), ("level", "rim"), strict=True):
+    ax.imshow((body.numpy() * 0.25 + chosen)[joint], cmap="Blues", vmin=0, vmax=1.4)
+    ax.set(title=f"the {title} at distance 4: {int(chosen[joint].sum())} pixels here", xticks=[], yticks=[])
 plt.show()
-assert ((cut == 12) & ~on_rim).sum() > 0, "the two differ at joints"
+assert ((distance == 4) & (beside == 4))[joint].sum() == 1
 
 # %%
 # All ten profiles on both, the later ones drawn with thinner lines, and the cutoff. On the left one line is to be seen.

@@ -30,13 +30,15 @@ def as_probability(probability: Tensor, spatial_ndim: int | None) -> tuple[Tenso
     batch_shape = as_mask(torch.zeros_like(probability, dtype=torch.bool), spatial_ndim, "probability")[1]
     if probability.numel():
         least, most = (bound.item() for bound in probability.detach().aminmax())
-        if not 0 <= least <= most <= 1:
+        # A sum of probabilities may be rounded to a little above 1.
+        if not 0 <= least <= most <= 1 + 4 * torch.finfo(probability.dtype).eps:
             raise ValueError(
                 f"probability must lie in [0, 1]; got values from {least:g} to {most:g}. "
                 "Pass torch.sigmoid(logits), or torch.softmax(logits, dim=1)."
             )
     dtype = torch.promote_types(probability.dtype, torch.float32)
-    return probability.to(dtype).reshape(math.prod(batch_shape), *probability.shape[len(batch_shape) :]), batch_shape
+    shapes = probability.to(dtype).reshape(math.prod(batch_shape), *probability.shape[len(batch_shape) :])
+    return _cut(shapes), batch_shape
 
 
 def soft_chessboard_distance(probability: Tensor, *, spatial_ndim: int | None = None) -> Tensor:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import Literal, Unpack
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -234,10 +233,10 @@ def _activation(activation: Activation) -> Callable[[Tensor], Tensor] | None:
 
 
 def _weight(weight: Weight) -> float | tuple[float, ...]:
-    plain = weight.tolist() if isinstance(weight, Tensor | np.ndarray) else weight
+    plain = weight.tolist() if hasattr(weight, "tolist") else weight
     if isinstance(plain, Sequence) and not isinstance(plain, str):
         return tuple(not_negative(number, "weight") for number in plain)
-    return not_negative(plain, "weight")
+    return not_negative(plain, "weight")  # type: ignore[arg-type]
 
 
 def _check_input(input: Tensor, target: Tensor | None, mask: Tensor | None) -> None:

@@ -7,6 +7,9 @@ import numpy as np
 from torchlinf._checks import window
 from torchlinf.plot.drawing import COLOURS, axes_or_new, in_unit
 
+# Of the first ten classes, the next ten, and the third; then they come again.
+STRENGTHS = (0.4, 0.8, 0.2)
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -27,8 +30,9 @@ def decision_regions(
     Returns:
         The axes, in the coordinates of the grid. The title is the overall complexity; the legend has the complexity of
         each class that is on the grid. The colour of the i-th class is the i-th of `COLOURS`, paler, so that the data
-        can be drawn on top: `ax.scatter(*X[y == i].T, color=plot.COLOURS[i])`. Where classes overlap, the last of them
-        is seen; where there is no class, the figure is white.
+        can be drawn on top: `ax.scatter(*X[y == i].T, color=plot.COLOURS[i])`. The eleventh to the twentieth class have
+        a stronger tint, the next ten a fainter one. Where classes overlap, the last of them is seen; where there is no
+        class, the figure is white.
 
     Raises:
         ImportError: matplotlib is not installed.
@@ -66,7 +70,8 @@ def _draw_regions(ax: "Axes", regions: "DecisionRegions", low: float, high: floa
     image = np.ones((*regions.masks.shape[1:], 3))
     named, measure = [], regions.profile.measure
     for i, (name, mask, value) in enumerate(zip(regions.classes, regions.masks, regions.mean(low, high), strict=True)):
-        red, green, blue = (0.6 + 0.4 * part for part in to_rgb(COLOURS[i % len(COLOURS)]))
+        strength = STRENGTHS[i // len(COLOURS) % len(STRENGTHS)]
+        red, green, blue = (1 - strength * (1 - part) for part in to_rgb(COLOURS[i % len(COLOURS)]))
         image[mask.numpy()] = red, green, blue
         if mask.any():
             named.append(Patch(color=(red, green, blue), label=f"{name}: {in_unit(value, measure)}"))

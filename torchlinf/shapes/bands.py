@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from numbers import Integral
 
 import torch
 from torch import Tensor
 
-from torchlinf._checks import count, integer
+from torchlinf._checks import count, integer, whole
 from torchlinf.shapes._margin import with_margin
 
 
@@ -89,7 +88,7 @@ def _starts(points: Sequence[Sequence[int]]) -> Tensor:
             f"points must be 1 or more, of the same 1 to 4 coordinates; got {list(points)}. "
             "Pass for example [(0, 0), (30, 0)]."
         )
-    corners = torch.tensor([[_coordinate(x) for x in point] for point in points], device="cpu")  # (P, ndim)
+    corners = torch.tensor([[whole(x, "points") for x in point] for point in points], device="cpu")  # (P, ndim)
     line = [corners[:1]]
     for start, stop in pairwise(corners):
         steps = int((stop - start).abs().max())
@@ -100,9 +99,3 @@ def _starts(points: Sequence[Sequence[int]]) -> Tensor:
             )
         line.append(start + (stop - start).sign() * torch.arange(1, steps + 1, device="cpu")[:, None])
     return torch.cat(line)
-
-
-def _coordinate(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise TypeError(f"points must be integers; got {value!r}. Round them to whole pixels.")
-    return int(value)
