@@ -169,7 +169,7 @@ def test_wrong_options_of_the_measure(command: str, masks: Path, tmp_path: Path)
         "name of its own; got a twice": ["--window", "a=0-0.5", "--window", "a=0-1"],
         "names that no other column has; got 'path'": ["--window", "path=0-0.5"],
         "windows must stand instead of low and high": ["--window", "a=0-0.5", "--low", "0.5"],
-        "'median' is not one of": ["--estimator", "median"],
+        "estimator must be one of 'entropy', 'std'; got 'median'": ["--estimator", "median"],
     }
     plot = ["--plot", str(tmp_path / "out.png")] if command == "profile" else []
     for words, options in wrong.items():

@@ -266,3 +266,13 @@ def test_bad_input_says_what_to_do(profiles: dict[str, ComplexityProfile]) -> No
         kendall_tau([profiles["disc"]])
     with pytest.raises(ValueError, match="on the same scales"):
         kendall_tau([profiles["disc"], complexity_profile(torch.ones(5, 5), scales=[0.5], spatial_ndim=2)])
+
+
+def test_profiles_in_a_short_dtype_are_ordered_by_all_their_digits() -> None:
+    masks = {f"disc {r}": shapes.disc(r) for r in (4, 6, 8, 16)} | {"square": shapes.square(9)}
+    found = []
+    for dtype in (torch.float64, torch.float32, torch.bfloat16, torch.float16):
+        profiles = {name: complexity_profile(m, dtype=dtype, spatial_ndim=2) for name, m in masks.items()}
+        found.append(set(dominance(profiles, windows=None).nodes))
+    assert len(found[0]) == 5
+    assert all(nodes == found[0] for nodes in found)

@@ -1,10 +1,15 @@
 """Argument checks. Every message reads: argument, requirement, what came, remedy."""
 
+from __future__ import annotations
+
 import math
 from numbers import Integral, Real
+from typing import TYPE_CHECKING
 
-import torch
-from torch import Tensor
+# The command checks its options before it loads torch, and answers --help without it.
+if TYPE_CHECKING:
+    import torch
+    from torch import Tensor
 
 MAX_SPATIAL_NDIM = 4
 
@@ -25,11 +30,14 @@ def as_mask(mask: Tensor, spatial_ndim: int | None = None, name: str = "mask") -
         TypeError: no tensor, or a complex one.
         ValueError: wrong rank, a spatial dimension of size 0, or values other than 0 and 1.
 
+    >>> import torch
     >>> shapes, batch_shape = as_mask(torch.ones(2, 3, 4, 5))
     >>> tuple(shapes.shape), shapes.dtype, batch_shape
     ((6, 4, 5), torch.bool, (2, 3))
     """
-    if not isinstance(mask, Tensor):
+    import torch
+
+    if not isinstance(mask, torch.Tensor):
         remedy = "Pass torch.from_numpy(array)." if type(mask).__module__ == "numpy" else "Pass torch.as_tensor(...)."
         raise TypeError(f"{name} must be a torch.Tensor; got {type(mask).__name__}. {remedy}")
     if mask.layout != torch.strided or mask.is_meta:
@@ -179,10 +187,13 @@ def from_zero(value: float, name: str) -> float:
 def positive_tensor(value: Tensor, shape: tuple[int, ...], name: str) -> Tensor:
     """Return `value` broadcast to `shape` if all of it is real, finite and above 0, else raise.
 
+    >>> import torch
     >>> positive_tensor(torch.tensor([2.0]), (2,), "rho")
     tensor([2., 2.])
     """
     plain(value, name)
+    import torch
+
     if value.is_complex() or value.dtype == torch.bool:
         raise TypeError(f"{name} must be a real tensor; got {value.dtype}. Pass lengths in pixels as float64.")
     value = value.detach()
@@ -290,11 +301,14 @@ def choice(value: str, options: tuple[str, ...], name: str) -> str:
 def real_dtype(dtype: torch.dtype | None, name: str = "dtype") -> torch.dtype | None:
     """Return `dtype` if it is None or a real floating-point dtype, else raise.
 
+    >>> import torch
     >>> real_dtype(torch.float32)
     torch.float32
     """
     if dtype is None:
         return None
+    import torch
+
     if not isinstance(dtype, torch.dtype):
         raise TypeError(f"{name} must be a torch dtype; got {dtype!r}. Pass for example torch.float32.")
     if not dtype.is_floating_point:

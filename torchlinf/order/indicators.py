@@ -1,6 +1,7 @@
 """The numbers by which shapes are ordered, and which of them count as equal."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -51,6 +52,8 @@ def means_over(
 ) -> tuple[Numbers, Numbers]:
     """Mean of each shape over each window, and how far it can be from the exact one: twice (shapes, windows)."""
     ends = list(windows.values())
+    # A profile in a short dtype has its levels in full all the same.
+    profiles = [replace(profile, values=profile.values.to(profile.level_values.dtype)) for profile in profiles]
     means = [[float(profile.mean(low, high)) for low, high in ends] for profile in profiles]
     bounds = [[float(p.error_bound(low, high)) + rounding_of(p) for low, high in ends] for p in profiles]
     return _rows(means, len(ends)), _rows(bounds, len(ends))
@@ -84,7 +87,7 @@ def _bounds_at_scales(profile: ComplexityProfile) -> Tensor:
 
 def rounding_of(profile: ComplexityProfile) -> float:
     """By how much rounding of its sums may move a value."""
-    return ROUNDING * torch.finfo(profile.values.dtype).eps
+    return ROUNDING * torch.finfo(profile.level_values.dtype).eps
 
 
 def _rows(rows: Sequence[Any], width: int) -> Numbers:

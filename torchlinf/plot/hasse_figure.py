@@ -74,8 +74,8 @@ def hasse(
     """Draw the Hasse diagram of a partial order of shapes: each line leads up to a shape that is more complex.
 
     A shape is more complex than another if a path of lines leads up to it; without such a path the two cannot be
-    compared. Steps that follow from other steps are left out. Shapes that count as equal, within twice the certified
-    errors of their fields, stand together in a frame; see `torchlinf.order.dominance`.
+    compared. Steps that follow from other steps are left out. Shapes that count as equal, since their proven
+    intervals meet, stand together in a frame; see `torchlinf.order.dominance`.
 
     Args:
         masks: the shapes by name, each (H, W) or (D, H, W), values 0 or 1, not empty. Of a volume the slice through its
