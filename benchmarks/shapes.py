@@ -13,7 +13,7 @@ from scipy import ndimage
 from torch import Tensor
 
 from torchlinf import shapes
-from torchlinf._boxes import bounding_box
+from torchlinf._helpers.boxes import bounding_box
 
 Mask = NDArray[np.bool_]
 FOLDER = "TORCHLINF_MPEG7"

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from scipy import ndimage
 
-from torchlinf._inside import UnclearMaskError, find_inside
+from torchlinf._helpers.inside import UnclearMaskError, find_inside
 from torchlinf.scoring import UnreadableMaskError, find_masks, read_mask, score_masks
 from torchlinf.scoring.mask_rules import Reading
 from torchlinf.transforms import ShapeComplexityScore

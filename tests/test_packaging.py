@@ -51,7 +51,7 @@ def test_the_pinned_versions_satisfy_the_bounds(extra: str) -> None:
 
 
 def test_every_extra_that_a_message_names_exists() -> None:
-    """The messages are written by `torchlinf._extras.require`; its third argument is the extra."""
+    """The messages are written by `torchlinf._helpers.extras.require`; its third argument is the extra."""
     sources = [path.read_text(encoding="utf-8") for path in (ROOT / "torchlinf").rglob("*.py")]
     named = {extra for text in sources for extra in re.findall(r"torchlinf\[(\w+)\]", text)}
     named |= {extra for text in sources for extra in re.findall(r'require\([^()]*"(\w+)"\)', text)}

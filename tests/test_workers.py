@@ -13,7 +13,7 @@ from functools import partial
 
 import pytest
 
-from torchlinf._parallel import Cancelled, for_each
+from torchlinf._helpers.parallel import Cancelled, for_each
 from torchlinf.scoring import workers
 from torchlinf.scoring.workers import FEW, NoWorkersError, in_order
 

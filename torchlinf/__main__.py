@@ -2,7 +2,7 @@
 
 import sys
 
-from torchlinf._extras import require
+from torchlinf._helpers.extras import require
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from torchlinf import __version__
-from torchlinf._checks import MAX_SPATIAL_NDIM, positive
+from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, positive
 from torchlinf.measure import Measure, MeasureOptions, ragged_profile, takes
 
 __all__ = ["complexity_table"]

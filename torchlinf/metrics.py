@@ -12,8 +12,8 @@ from typing import Any, Literal, Unpack, cast
 import torch
 from torch import Tensor
 
-from torchlinf._checks import MAX_SPATIAL_NDIM, as_mask, choice, count, flag, number_or_none
-from torchlinf._extras import require
+from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, as_mask, choice, count, flag, number_or_none
+from torchlinf._helpers.extras import require
 from torchlinf.measure import LevelOptions, Measure, MeasureOptions, complexity_profile, takes
 
 require("torchmetrics", "torchlinf.metrics", "metrics")

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 from torch.utils.data import Sampler
 
-from torchlinf._checks import count, integer, number
+from torchlinf._helpers.checks import count, integer, number
 
 __all__ = ["ComplexitySampler"]
 

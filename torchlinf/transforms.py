@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from PIL.Image import Image
 from torch import Tensor
 
-from torchlinf._checks import flag, number_of_axes, number_or_none, real_dtype
-from torchlinf._inside import UnclearMaskError, find_inside, text
+from torchlinf._helpers.checks import flag, number_of_axes, number_or_none, real_dtype
+from torchlinf._helpers.inside import UnclearMaskError, find_inside, text
 from torchlinf.measure import Measure, MeasureOptions, ragged_profile, takes
 from torchlinf.samplers import ComplexitySampler
 

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf._boxes import bounding_box
+from torchlinf._helpers.boxes import bounding_box
 from torchlinf.shapes.noise import around, boundary_of, closed, drawn, outwards, random_patches
 
 FACTORS = (1, 2, 3, 4, 5, 6)

@@ -11,7 +11,7 @@ from benchmarks.shapes import Named
 from benchmarks.sizes import Size
 from benchmarks.timing import Ratio, Times, alternate, ratio
 from torchlinf import FieldSolution
-from torchlinf._boxes import bounding_box
+from torchlinf._helpers.boxes import bounding_box
 from torchlinf.kernels import grid, stencil
 
 SWEEPS = 10

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from torchlinf._extras import require
+from torchlinf._helpers.extras import require
 from torchlinf.cli.outputs import fail, folder_problem
 from torchlinf.scoring import Source
 

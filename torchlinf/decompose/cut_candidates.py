@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from torchlinf._morphology import opened
+from torchlinf._helpers.morphology import opened
 from torchlinf.field import chessboard_distance, linf_field
 from torchlinf.measure import Measure, complexity_map
 

@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf._checks import as_mask, choice, not_negative
+from torchlinf._helpers.checks import as_mask, choice, not_negative
 from torchlinf.decompose.cut_candidates import CANDIDATES, Cut, Mask
 from torchlinf.measure import Measure, WindowOptions, ragged_profile, takes
 

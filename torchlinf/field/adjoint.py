@@ -19,8 +19,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchlinf._boxes import bounding_box
-from torchlinf._parallel import for_each
+from torchlinf._helpers.boxes import bounding_box
+from torchlinf._helpers.parallel import for_each
 from torchlinf.field.once import differentiable_once
 from torchlinf.field.stencil import block_max, block_min
 from torchlinf.kernels import usable

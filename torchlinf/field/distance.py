@@ -6,9 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchlinf._boxes import bounding_box
-from torchlinf._checks import as_mask
-from torchlinf._parallel import for_each
+from torchlinf._helpers.boxes import bounding_box
+from torchlinf._helpers.checks import as_mask
+from torchlinf._helpers.parallel import for_each
 from torchlinf.kernels import usable
 
 

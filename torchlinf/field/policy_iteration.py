@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from torchlinf._boxes import bounding_box
-from torchlinf._parallel import for_each
+from torchlinf._helpers.boxes import bounding_box
+from torchlinf._helpers.parallel import for_each
 from torchlinf.field.certificate import RESOLUTION
 from torchlinf.field.problem import Problem
 from torchlinf.field.solution import FieldSolution, Status

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchlinf._checks import positive, positive_tensor
+from torchlinf._helpers.checks import positive, positive_tensor
 from torchlinf.field.distance import distance_of
 
 

@@ -10,7 +10,7 @@ import math
 import torch
 from torch import Tensor
 
-from torchlinf._checks import as_mask, count, positive, positive_tensor
+from torchlinf._helpers.checks import as_mask, count, positive, positive_tensor
 from torchlinf.field.adjoint import attach_gradient
 from torchlinf.field.erosions import soft_distance_of
 from torchlinf.field.solution import FieldSolution, Status

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from torchlinf._checks import as_mask, choice, count, flag, positive, real_dtype
+from torchlinf._helpers.checks import as_mask, choice, count, flag, positive, real_dtype
 from torchlinf.field.adjoint import attach_gradient
 from torchlinf.field.methods import METHODS, automatic
 from torchlinf.field.problem import Problem, pose

@@ -11,7 +11,7 @@ from functools import cache
 import torch
 from torch import Tensor
 
-from torchlinf._boxes import bounding_box
+from torchlinf._helpers.boxes import bounding_box
 
 
 def block_max(x: Tensor, ndim: int) -> Tensor:

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchlinf._boxes import bounding_box
-from torchlinf._parallel import for_each
+from torchlinf._helpers.boxes import bounding_box
+from torchlinf._helpers.parallel import for_each
 from torchlinf.field.solution import FieldSolution, Status
 from torchlinf.kernels import grid, stencil
 from torchlinf.kernels.linearised import LinearisedOperator

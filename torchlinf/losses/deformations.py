@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, ndimage
 
-from torchlinf._boxes import bounding_box
+from torchlinf._helpers.boxes import bounding_box
 
 REACHES = (1.5, 3.0)  # pixels that the outermost points move; one distance alone feels the pixel grid more
 SMOOTH = 0.7  # pixels of Gaussian smoothing of the signed distance, whose staircases would move as steps

@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf._morphology import closed, opened
+from torchlinf._helpers.morphology import closed, opened
 from torchlinf.measure import Measure, complexity
 
 # Sides in pixels of the squares and bars that open and close the shape: every small one, then in steps of sqrt 2. The

@@ -6,7 +6,7 @@ from typing import Literal, Unpack
 import torch
 from torch import Tensor, nn
 
-from torchlinf._checks import MAX_SPATIAL_NDIM, choice, count, flag, fraction, not_negative
+from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, choice, count, flag, fraction, not_negative
 from torchlinf.losses.gradient import region_flip_gradient, without_area
 from torchlinf.measure import Measure, WindowOptions, takes
 

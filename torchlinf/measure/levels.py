@@ -16,9 +16,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf._boxes import bounding_box
-from torchlinf._checks import positive_tensor
-from torchlinf._parallel import for_each
+from torchlinf._helpers.boxes import bounding_box
+from torchlinf._helpers.checks import positive_tensor
+from torchlinf._helpers.parallel import for_each
 from torchlinf.field import ROUNDING, Problem, Status, pose, raise_failures, solve, solve_shape, uses_kernels
 from torchlinf.kernels import has_compiler
 from torchlinf.measure.entropy import EDGE_SLACK, ESTIMATORS, entropy_bounds, std_bounds

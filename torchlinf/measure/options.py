@@ -15,7 +15,7 @@ from typing import Any, Literal, TypedDict, TypeVar
 
 from torch import Tensor
 
-from torchlinf._checks import choice, count, from_zero, positive, window
+from torchlinf._helpers.checks import choice, count, from_zero, positive, window
 
 Estimator = Literal["entropy", "std"]
 LevelSets = Literal["distance", "rim"]

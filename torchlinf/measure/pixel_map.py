@@ -5,7 +5,7 @@ from typing import Unpack
 import torch
 from torch import Tensor
 
-from torchlinf._checks import as_mask, choice, real_dtype
+from torchlinf._helpers.checks import as_mask, choice, real_dtype
 from torchlinf.field import METHODS, normalised
 from torchlinf.measure.entropy import bin_of
 from torchlinf.measure.levels import first_level, rim, solved_levels

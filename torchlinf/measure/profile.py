@@ -9,7 +9,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from torchlinf._checks import as_mask, choice, real_dtype, window
+from torchlinf._helpers.checks import as_mask, choice, real_dtype, window
 from torchlinf.field import METHODS
 from torchlinf.measure.entropy import segment_sum
 from torchlinf.measure.levels import Levels, MaskAt, first_level, level_values, levels_of, levels_of_each

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-from torchlinf._checks import count, positive, positive_tensor
+from torchlinf._helpers.checks import count, positive, positive_tensor
 from torchlinf.field import (
     FieldSolution,
     as_probability,

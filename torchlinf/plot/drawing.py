@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf._extras import require
+from torchlinf._helpers.extras import require
 from torchlinf.measure import ComplexityProfile, Measure
 
 if TYPE_CHECKING:

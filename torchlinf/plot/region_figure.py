@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from torchlinf._checks import window
+from torchlinf._helpers.checks import window
 from torchlinf.plot.drawing import COLOURS, axes_or_new, in_unit
 
 # Of the first ten classes, the next ten, and the third; then they come again.

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, TypedDict, Unpack
 import torch
 from torch import Tensor
 
-from torchlinf._checks import positive
+from torchlinf._helpers.checks import positive
 from torchlinf.field import FieldSolution
 from torchlinf.measure import ComplexityProfile, LevelOptions, Measure, WindowOptions, takes
 from torchlinf.measure import complexity_map as measured_map

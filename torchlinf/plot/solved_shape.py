@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf._boxes import bounding_box
-from torchlinf._checks import as_mask
+from torchlinf._helpers.boxes import bounding_box
+from torchlinf._helpers.checks import as_mask
 from torchlinf.field import FieldSolution, chessboard_distance, solve_field
 from torchlinf.measure import (
     ComplexityProfile,

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from torchlinf._checks import count, integer
+from torchlinf._helpers.checks import count, integer
 from torchlinf.measure import LevelOptions, Measure, WindowOptions, takes
 from torchlinf.regions.decision_regions import Boundary, DecisionRegions, regions_on
 from torchlinf.regions.grids import Grid, Plane, as_points, spans_plane

@@ -6,7 +6,7 @@ from typing import Any, Literal, Unpack
 
 from torch import Tensor
 
-from torchlinf._checks import choice
+from torchlinf._helpers.checks import choice
 from torchlinf.measure import ComplexityProfile, LevelOptions, Measure, complexity_profile, takes
 from torchlinf.regions.grids import Bounds, Grid, Plane
 from torchlinf.regions.open_boundary import open_profile

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from torchlinf._checks import MAX_SPATIAL_NDIM, count, not_negative
+from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, count, not_negative
 
 FLAT = 1e-6  # height of a triangle as a share of its longest side below which it spans no plane: rounding in float32
 

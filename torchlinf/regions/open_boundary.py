@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf._checks import positive_tensor
+from torchlinf._helpers.checks import positive_tensor
 from torchlinf.field import RESOLUTION, certify, residual, solve_field
 from torchlinf.measure import (
     ComplexityProfile,

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from torchlinf._checks import choice, count, number_or_none
+from torchlinf._helpers.checks import choice, count, number_or_none
 from torchlinf.regions.grids import Grid
 
 RESPONSES = ("auto", "predict", "decision_function", "predict_proba")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf._extras import require
+from torchlinf._helpers.extras import require
 from torchlinf.report.masks import COLOUR
 
 BLUE, GREY, ORANGE = "#{:02x}{:02x}{:02x}".format(*COLOUR), "#c9d1da", "#d95f02"

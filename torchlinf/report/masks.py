@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf._boxes import bounding_box
+from torchlinf._helpers.boxes import bounding_box
 from torchlinf.measure import Measure, ragged_profile
 from torchlinf.report.rows import Row, Table, measure_of, number_of, text_of
 from torchlinf.scoring import MAX_PIXELS, Source, UnreadableMaskError, find_masks, read_source

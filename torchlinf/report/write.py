@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from torchlinf._extras import require
+from torchlinf._helpers.extras import require
 from torchlinf.report.masks import MaskOf, read_pictures
 from torchlinf.report.page import GALLERY, render
 from torchlinf.report.rows import Table, text_of

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf._extras import require
+from torchlinf._helpers.extras import require
 from torchlinf.scoring.values import UnreadableMaskError
 
 # pycocotools walks along the outline in steps of a fifth of a pixel, wherever it leads.

@@ -1,7 +1,7 @@
 """What is inside and what is outside: from the numbers in a file to a mask.
 
-`RULE` states what is inside where the caller does not say it. `torchlinf._inside` decides by the numbers, for files as
-for the transforms; here stands what only files have: colours, pixels without data, stacks.
+`RULE` states what is inside where the caller does not say it. `torchlinf._helpers.inside` decides by the numbers, for
+files as for the transforms; here stands what only files have: colours, pixels without data, stacks.
 """
 
 import os
@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf._checks import count, flag, number_or_none
-from torchlinf._inside import NONZERO, UnclearMaskError, above, distinct, find_inside, listed, text
+from torchlinf._helpers.checks import count, flag, number_or_none
+from torchlinf._helpers.inside import NONZERO, UnclearMaskError, above, distinct, find_inside, listed, text
 from torchlinf.scoring.coco import Outline, Segment, draw
 from torchlinf.scoring.in_memory import InMemory, values_in_memory
 from torchlinf.scoring.readers import read_values

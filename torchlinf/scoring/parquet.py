@@ -5,7 +5,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torchlinf._extras import require
+from torchlinf._helpers.extras import require
 from torchlinf.scoring.rows import KINDS, NoTableError, Score, window_columns
 
 if TYPE_CHECKING:

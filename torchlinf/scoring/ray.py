@@ -15,7 +15,7 @@ from uuid import uuid4
 
 from numpy.typing import NDArray
 
-from torchlinf._extras import require
+from torchlinf._helpers.extras import require
 from torchlinf.measure import MeasureOptions, takes
 from torchlinf.scoring import parquet
 from torchlinf.scoring.in_memory import InMemory

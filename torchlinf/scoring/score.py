@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf import __version__
-from torchlinf._boxes import bounding_box
+from torchlinf._helpers.boxes import bounding_box
 from torchlinf.measure import ComplexityProfile, Measure, MeasureOptions, ragged_profile, takes
 from torchlinf.scoring.mask_rules import MAX_PIXELS, Found, read_all, read_inside
 from torchlinf.scoring.options import ScoreOptions, score_measure

@@ -18,7 +18,7 @@ from itertools import chain, islice
 from multiprocessing import connection
 from typing import TypeVar
 
-from torchlinf._parallel import cancelled_by
+from torchlinf._helpers.parallel import cancelled_by
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from torchlinf._checks import integer
+from torchlinf._helpers.checks import integer
 
 
 def with_margin(shape: Tensor, margin: int) -> Tensor:

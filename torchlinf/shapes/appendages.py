@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchlinf._checks import choice, count, integer
+from torchlinf._helpers.checks import choice, count, integer
 from torchlinf.shapes._margin import with_margin
 
 # Each face as its axis, counted from the last as in (depth, height, width), and whether it is the far end of that axis.

@@ -6,7 +6,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from torchlinf._checks import count, integer, whole
+from torchlinf._helpers.checks import count, integer, whole
 from torchlinf.shapes._margin import with_margin
 
 

@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from torchlinf._checks import count, positive
+from torchlinf._helpers.checks import count, positive
 from torchlinf.shapes._margin import with_margin
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from torch import Tensor
 
-from torchlinf._checks import count, integer
+from torchlinf._helpers.checks import count, integer
 from torchlinf.shapes.appendages import Appendage, cube_with_appendages, with_appendages
 from torchlinf.shapes.bands import band, diagonal_pair
 from torchlinf.shapes.basic import rectangle, square

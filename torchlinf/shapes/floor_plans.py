@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from torchlinf._checks import count, integer
+from torchlinf._helpers.checks import count, integer
 from torchlinf.shapes._margin import with_margin
 
 # Aperture in pixels, and sides of the obstacle, of the plans P0 to P3 with rooms of side 128.

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from torch import Tensor
 
-from torchlinf import _checks
-from torchlinf._boxes import bounding_box
+from torchlinf._helpers import checks
+from torchlinf._helpers.boxes import bounding_box
 
 ROOM = 32  # outside pixels that the canvas gains on every side when a patch would leave it
 BLOCK = np.ones((3, 3), dtype=np.bool_)
@@ -66,7 +66,7 @@ def add_noise(shape: Tensor, factor: int, count: int, *, seed: int = 0) -> Tenso
         True
     """
     patches = random_patches(factor, count, seed)
-    inside, lead = _checks.as_mask(shape, 2, "shape")
+    inside, lead = checks.as_mask(shape, 2, "shape")
     if lead or not inside.any():
         raise ValueError(
             f"shape must be one shape (H, W) with pixels inside; got {tuple(shape.shape)} with {int(inside.sum())}. "
@@ -103,8 +103,8 @@ def random_patches(factor: int, count: int, seed: int) -> list[Patch]:
     >>> [patch.lengths.shape[1] for patch in random_patches(3, 4, seed=0)]
     [5, 3, 1, 4]
     """
-    factor, count = _checks.count(factor, "factor"), _checks.count(count, "count")
-    generator = torch.Generator("cpu").manual_seed(_checks.integer(seed, "seed", 0))
+    factor, count = checks.count(factor, "factor"), checks.count(count, "count")
+    generator = torch.Generator("cpu").manual_seed(checks.integer(seed, "seed", 0))
 
     def normal(size: int) -> NDArray[np.int64]:
         drawn = torch.randn(size, generator=generator, dtype=torch.float64, device="cpu")

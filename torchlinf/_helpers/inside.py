@@ -62,7 +62,7 @@ def find_inside(
         (array([[False,  True]]), 'nonzero')
         >>> find_inside(np.array([[0, 1, 15, 255]], dtype=np.uint8))
         Traceback (most recent call last):
-        torchlinf._inside.UnclearMaskError: 4 values (0, 1, 15, 255)
+        torchlinf._helpers.inside.UnclearMaskError: 4 values (0, 1, 15, 255)
     """
     threshold = _threshold(array, valid, top, lossy)
     inside: Mask = array != 0 if threshold is None else array > threshold
