@@ -39,7 +39,7 @@ def small() -> torch.Tensor:
 def results(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Result]]:
     """All benchmarks on toy sizes, run through the command, their probes in this process to save starting others."""
 
-    def here(question: str, *arguments: str) -> dict[str, object]:
+    def here(question: str, *arguments: str, **_: str) -> dict[str, object]:
         with threads(torch.get_num_threads()):
             return probes.QUESTIONS[question](*arguments)
 

@@ -1,6 +1,7 @@
 """The bound of a complexity in bits: the interval holds the exact value, at every tolerance and by every method."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -39,12 +40,18 @@ def test_the_interval_of_every_level_holds_its_exact_value(spatial: tuple[int, .
     assert (found.error_bound() >= 0)[found.radius > 0].all()
 
 
+@cache
+def thousand(seed: int) -> tuple[Tensor, Tensor]:
+    """A thousand shapes and the exact values of their levels, once for all tolerances."""
+    masks = random_masks(1000, (11, 14), seed)
+    return masks, exact(masks)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("tol", TOLERANCES)
 def test_ten_thousand_shapes_lie_in_their_intervals(tol: float) -> None:
     for seed in range(10):
-        masks = random_masks(1000, (11, 14), seed)
-        expected = exact(masks)
+        masks, expected = thousand(seed)
         found = complexity_profile(masks, tol=tol, tol_bits=math.inf, method="accelerated", spatial_ndim=2)
         assert ((found.level_values - expected).abs() <= found.level_error_bound + ROUNDING).all()
 
