@@ -131,7 +131,7 @@ def test_other_columns() -> None:
     assert compare_scores(old, new, column="fine").changes.tolist() == [0.5]
     with pytest.raises(ValueError, match=r"column must be one of .*components, fine, peak.*; got 'all'"):
         compare_scores(old, new, column="all")
-    assert set(numeric_columns([])) == set(COLUMNS) - {"path", "error", "version", "measure"}
+    assert set(numeric_columns([])) == set(COLUMNS) - {"path", "inside", "category", "image", "error", "version", "measure"}
 
 
 def test_pairs_as_csv(tmp_path: Path) -> None:

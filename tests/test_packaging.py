@@ -14,9 +14,9 @@ from packaging.version import Version
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-USER_EXTRAS = ["cli", "plot", "metrics", "lightning", "sklearn", "coco", "parquet", "ray"]
-# Not in the job of lowest versions: an old torch is gigabytes, and the short form needs neither Ray nor Lightning.
-NOT_LOWEST = {"torch", "ray", "lightning"}
+USER_EXTRAS = ["cli", "plot", "metrics", "lightning", "sklearn", "coco", "parquet", "ray", "report"]
+# Not in the job of lowest versions: an old torch is gigabytes, and the short form needs no Ray, Lightning or Bokeh.
+NOT_LOWEST = {"torch", "ray", "lightning", "bokeh"}
 
 
 def lower_bounds(*texts: str) -> dict[str, Version]:
