@@ -131,7 +131,15 @@ def test_other_columns() -> None:
     assert compare_scores(old, new, column="fine").changes.tolist() == [0.5]
     with pytest.raises(ValueError, match=r"column must be one of .*components, fine, peak.*; got 'all'"):
         compare_scores(old, new, column="all")
-    assert set(numeric_columns([])) == set(COLUMNS) - {"path", "inside", "category", "image", "error", "version", "measure"}
+    assert set(numeric_columns([])) == set(COLUMNS) - {
+        "path",
+        "inside",
+        "category",
+        "image",
+        "error",
+        "version",
+        "measure",
+    }
 
 
 def test_pairs_as_csv(tmp_path: Path) -> None:
@@ -236,3 +244,16 @@ def test_the_help_spells_the_columns_out_at_80_columns() -> None:
     result = CliRunner(env={"TERM": "dumb", "COLUMNS": "80"}).invoke(app, ["compare", "--help"])
     words = result.stdout.replace(",", " ").replace(".", " ").split()
     assert set(numeric_columns([])) <= set(words)
+
+
+def test_a_difference_within_the_proven_bounds_is_no_change() -> None:
+    old = [Score(f"{i}.png", values={"complexity": 2.0}, error_bound=0.01) for i in range(4)]
+    moved = (2.0, 2.0 + 1e-13, 2.019, 2.021)
+    new = [Score(f"{i}.png", values={"complexity": value}, error_bound=0.01) for i, value in enumerate(moved)]
+    comparison = compare_scores(old, new)
+    assert comparison.changes.tolist() == pytest.approx([0.0, 0.0, 0.0, 0.021])
+    assert [pair.mask for pair in comparison.largest(9)] == ["3.png"]
+    proven = compare_scores(
+        [replace(row, error_bound=0.0) for row in old], [replace(row, error_bound=0.0) for row in new]
+    )
+    assert [pair.mask for pair in proven.largest(9)] == ["3.png", "2.png"]

@@ -1,5 +1,6 @@
 """ShapeComplexity for torchmetrics: the core's numbers, however they are spread over batches and processes."""
 
+import math
 import pickle
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from torch import Tensor
 from torchmetrics import ClasswiseWrapper, JaccardIndex, MetricCollection, MetricTracker
 
 import torchlinf
-from torchlinf import shapes
+from torchlinf import complexity_profile, shapes
 from torchlinf.metrics import ShapeComplexity
 
 
@@ -294,3 +295,17 @@ except ImportError as error:
 """
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert out == ("torchlinf.metrics needs torchmetrics; it is not installed. Run: pip install 'torchlinf[metrics]'\n")
+
+
+def test_the_bound_of_the_result_is_the_mean_of_the_bounds_of_the_shapes() -> None:
+    masks = torch.stack([shapes.disc(9), torch.nn.functional.pad(shapes.box(9, 14), (0, 5, 0, 10))])[:, None]
+    exact = ShapeComplexity(1)
+    exact.update(masks)
+    assert exact.error_bound().item() == 0.0
+    rough = ShapeComplexity(1, tol=0.1, tol_bits=math.inf, windows={"fine": (0.0, 0.25), "all": (0.0, 1.0)})
+    rough.update(masks)
+    profile = complexity_profile(masks, tol=0.1, tol_bits=math.inf)
+    for name, ends in {"fine": (0.0, 0.25), "all": (0.0, 1.0)}.items():
+        assert rough.error_bound()[name].item() == pytest.approx(float(profile.error_bound(*ends).mean()), abs=1e-6)
+    assert rough.error_bound()["all"] > 0
+    assert abs(rough.compute()["all"] - exact.compute()) <= rough.error_bound()["all"] + 1e-6

@@ -113,6 +113,7 @@ class ShapeComplexity(Metric):
     plot_lower_bound = 0.0
 
     total: Tensor
+    total_error: Tensor
     num_shapes: Tensor
     num_empty: Tensor
 
@@ -147,6 +148,7 @@ class ShapeComplexity(Metric):
             )
         zeros = torch.zeros(classes, dtype=torch.int64)
         self.add_state("total", zeros.repeat(len(self.measure.named_windows()), 1), dist_reduce_fx="sum")  # (W, C)
+        self.add_state("total_error", zeros.repeat(len(self.measure.named_windows()), 1), dist_reduce_fx="sum")
         self.add_state("num_shapes", zeros.clone(), dist_reduce_fx="sum")
         self.add_state("num_empty", zeros.clone(), dist_reduce_fx="sum")
         # A MetricCollection takes metrics whose states agree after the first batch for one metric, which two windows do
@@ -168,6 +170,9 @@ class ShapeComplexity(Metric):
         blank = profile.radius == 0
         whole = (values.masked_fill(blank, 0.0) * UNIT).round().long()
         self.total.index_add_(1, classes.to(self.total.device), whole.to(self.total.device))
+        bounds = torch.stack([profile.error_bound(*ends) for ends in self.measure.named_windows().values()])
+        most = (bounds.masked_fill(blank, 0.0) * UNIT).ceil().long()
+        self.total_error.index_add_(1, classes.to(self.total_error.device), most.to(self.total_error.device))
         self.num_shapes.index_add_(0, classes.to(self.num_shapes.device), (~blank).long().to(self.num_shapes.device))
         self.num_empty.index_add_(0, classes.to(self.num_empty.device), blank.long().to(self.num_empty.device))
 
@@ -178,7 +183,19 @@ class ShapeComplexity(Metric):
     def compute(self) -> Tensor | dict[str, Tensor]:
         """The result over all shapes so far, as the class describes it."""
         charged = self.num_empty if self.empty == "worst" else torch.zeros_like(self.num_empty)
-        total = self.total.float() / UNIT + self.measure.largest * charged.float()  # (W, C)
+        return self._averaged(self.total.float() / UNIT + self.measure.largest * charged.float(), charged)
+
+    def error_bound(self) -> Tensor | dict[str, Tensor]:
+        """How far the result can be from that of the exact fields, proven: like `compute`, in the same unit.
+
+        It is 0 where every digit is proven, as at the default `tol` and `tol_bits`. The rounding of the result to
+        float32 is not in it. It is of this process; within `with metric.sync_context():` of all.
+        """
+        charged = self.num_empty if self.empty == "worst" else torch.zeros_like(self.num_empty)
+        return self._averaged(self.total_error.float() / UNIT, charged)
+
+    def _averaged(self, total: Tensor, charged: Tensor) -> Tensor | dict[str, Tensor]:
+        """The mean of totals (W, C) over the shapes, as `average` says; `charged` (C,) empty shapes count too."""
         number = (self.num_shapes + charged).expand_as(total)
         if self.average == "micro":
             total, number = total.sum(dim=1), number.sum(dim=1)

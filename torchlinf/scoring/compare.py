@@ -19,6 +19,7 @@ from torchlinf.scoring.summary import common_folder
 
 Join = Literal["path", "folder", "name", "stem"]
 COMPARED = "compared"
+ROUNDING = 1e-12  # bits: sums of the same terms in another order differ by less
 
 
 @dataclass(frozen=True)
@@ -31,17 +32,22 @@ class Pair:
             "failed in both".
         old: the number in the old table; None if there is none.
         new: the number in the new table; None if there is none.
+        error_bound: how far their difference can be from the exact one: the proven bounds of both rows.
     """
 
     mask: str
     status: str
     old: float | None
     new: float | None
+    error_bound: float = 0.0
 
     @property
     def change(self) -> float | None:
-        """New minus old; None if the mask was not compared."""
-        return None if self.old is None or self.new is None else self.new - self.old
+        """New minus old; 0.0 if the intervals of both numbers meet; None if the mask was not compared."""
+        if self.old is None or self.new is None:
+            return None
+        change = self.new - self.old
+        return change if abs(change) > self.error_bound + ROUNDING else 0.0
 
 
 @dataclass(frozen=True)
@@ -69,8 +75,8 @@ class Comparison:
 
     @property
     def changes(self) -> NDArray[np.float64]:
-        """New minus old, (N,)."""
-        return self.numbers[1] - self.numbers[0]
+        """New minus old, (N,); 0.0 where the intervals of both numbers meet."""
+        return np.array([pair.change for pair in self.pairs if pair.status == COMPARED], dtype=np.float64)
 
     @property
     def rank_correlation(self) -> float:
@@ -157,7 +163,15 @@ def _pair(key: str, old: Score | None, new: Score | None, column: str) -> Pair:
         status = "only in new" if old is None else "only in old"
     else:
         status = COMPARED if not failed else f"failed in {'both' if len(failed) == 2 else failed[0]}"
-    return Pair(key, status, *(row[column] if row and not row.error else None for row in (old, new)))
+    before, after = (row[column] if row and not row.error else None for row in (old, new))
+    return Pair(key, status, before, after, _error_bound(old, new, column))
+
+
+def _error_bound(old: Score | None, new: Score | None, column: str) -> float:
+    """How far a difference of complexities can be off; no other column has an error."""
+    if old is None or new is None or column not in (*old.values, *new.values):
+        return 0.0
+    return (old.error_bound or 0.0) + (new.error_bound or 0.0)
 
 
 def _by_key(rows: list[Score], join: str, table: str) -> dict[str, Score]:
