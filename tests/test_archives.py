@@ -66,7 +66,7 @@ def test_the_members_of_a_shard_are_masks_in_its_order(tmp_path: Path) -> None:
     ]
     for source, mask in zip(found, (first, volume, first), strict=True):
         np.testing.assert_array_equal(read_source(source, volume=mask.ndim == 3), mask)
-    rows = list(score_masks(found))
+    rows = list(score_masks(found, volume=True))
     assert [row.error for row in rows] == [None] * 3
     assert [row.pixels for row in rows] == [first.sum(), volume.sum(), first.sum()]
     assert os.listdir(tmp_path) == ["shard.tar"]
