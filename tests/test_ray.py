@@ -230,7 +230,7 @@ def test_settings_of_batches() -> None:
         (np.ones((0, 9)), r"got \(0, 9\)"),
         (np.array([["a"]]), "must be bool, integer or floating point"),
         (None, "must be bool, integer or floating point; got object"),
-        (np.full((3, 4), np.nan), "must be finite"),
+        (np.full((3, 4), np.nan), "no foreground"),  # NaN is no data, and outside
         (np.zeros((3, 4)), "no foreground"),
         (b"", "empty"),
         (b"\x93NUMPY", "truncated or damaged"),

@@ -175,7 +175,8 @@ def score_rows(source: Source, options: ScoreOptions) -> list[Score]:
     if not isinstance(source, Source):
         raise TypeError(f"sources must be what find_masks found; got {source!r}. Pass find_masks(paths).")
     rows: list[Score] = []
-    blank = replace(blank_row(source.name, options.measure), category=source.category, image=source.image)
+    category, image = (_storable(text) for text in (source.category, source.image))
+    blank = replace(blank_row(source.name, options.measure), category=category, image=image)
     start = time.perf_counter()
     try:
         for found in read_all(source, options.reading):
@@ -225,7 +226,12 @@ def profile_source(source: Source, options: ScoreOptions) -> tuple[ComplexityPro
 def error_text(error: Exception) -> str:
     """What went wrong with a mask, on one line, not endless, and without characters that no file could hold."""
     text = str(error) if isinstance(error, UnreadableMaskError) else f"{type(error).__name__}: {error}"
-    return " ".join(text.split())[:LONGEST].encode("utf-8", "backslashreplace").decode()
+    return str(_storable(" ".join(text.split())[:LONGEST]))
+
+
+def _storable(text: str | None) -> str | None:
+    """A text without characters that no file could hold, such as half of a pair of surrogates."""
+    return None if text is None else str(text).encode("utf-8", "backslashreplace").decode()
 
 
 def _numbers(inside: NDArray[np.bool_], measure: Measure) -> Score:
