@@ -103,3 +103,15 @@ def test_the_distance_is_the_number_of_erosions_that_a_pixel_survives(mask: Tens
 def test_the_methods_agree_within_their_bounds(method: str, mask: Tensor) -> None:
     found, expected = field(mask, tol=1e-7, method=method), field(mask)
     assert ((found - expected).abs() <= 1.1e-7 * expected).all()
+
+
+@several
+@given(masks())
+def test_the_field_is_largest_exactly_where_the_distance_is(mask: Tensor) -> None:
+    if not mask.any():
+        return
+    f = solve_field(mask, tol=1e-12, spatial_ndim=mask.ndim).value
+    distance = chessboard_distance(mask, spatial_ndim=mask.ndim)
+    deepest = distance == distance.max()
+    assert (f[deepest] >= f.max() * (1 - 1e-10)).all()
+    assert (f[~deepest] < f.max() * (1 - 1e-10)).all()
