@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from numbers import Integral
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,8 +94,8 @@ class Reading:
 
     @property
     def ignored(self) -> tuple[int, ...]:
-        """`ignore` as a tuple."""
-        return tuple(self.ignore) if isinstance(self.ignore, Collection) else (self.ignore,)
+        """`ignore`, which is a tuple once it is checked."""
+        return cast("tuple[int, ...]", self.ignore)
 
 
 class Found(NamedTuple):
@@ -247,7 +247,7 @@ def _valid(values: Values, reading: Reading) -> NDArray[np.bool_] | None:
         valid = ~unknown if valid is None else valid & ~unknown
     if reading.ignored:
         ids = values.array if values.ids is None else values.ids
-        kept = ~np.isin(ids, list(reading.ignored))
+        kept = ~np.isin(ids, reading.ignored)
         valid = kept if valid is None else valid & kept
     return valid
 
