@@ -23,6 +23,7 @@ def test_the_public_names() -> None:
         "complexity_map",
         "complexity_profile",
         "decompose",
+        "equal_spacing",
         "labels",
         "linf_field",
         "losses",

@@ -68,6 +68,9 @@ from .measure import (
     complexity_profile as complexity_profile,
 )
 from .measure import (
+    equal_spacing as equal_spacing,
+)
+from .measure import (
     soft_complexity as soft_complexity,
 )
 from .warming import warm_up as warm_up

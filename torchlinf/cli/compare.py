@@ -10,6 +10,7 @@ from torchlinf.cli.outputs import endings, fail, folder_problem, load_table
 from torchlinf.scoring import (
     COMPARED,
     SUFFIXES,
+    TAR_SUFFIXES,
     Comparison,
     Join,
     Score,
@@ -84,7 +85,7 @@ def _problem(out: Path, tables: tuple[Path, Path]) -> str | None:
         return problem
     if any(out.exists() and table.exists() and out.samefile(table) for table in tables):
         return f"{out} is one of the tables"
-    if out.suffix.lower() in (*SUFFIXES, ".tar", ".json", ".jsonl", ".parquet"):
+    if out.name.lower().endswith((*SUFFIXES, *TAR_SUFFIXES, ".json", ".jsonl", ".parquet")):
         return f"{out} would hold CSV; pass for example changes.csv"
     return None
 

@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import typer
 
-from torchlinf.scoring import JOURNAL, SUFFIXES, NoTableError, Score, Source
+from torchlinf.scoring import JOURNAL, SUFFIXES, TAR_SUFFIXES, NoTableError, Score, Source
 
 # 128 + the number of the signal, as a shell reports a program that SIGINT (Ctrl-C) or SIGPIPE (`| head`) ended.
 WRONG, INTERRUPTED, PIPE_CLOSED = 2, 130, 141
@@ -88,7 +88,7 @@ def check_out(out: Path | None, as_json: bool, overwrite: bool, retry: bool) -> 
     """Refuse names and options that contradict each other."""
     suffix = "" if out is None else out.suffix.lower()
     problem = None if out is None else folder_problem(out)
-    if suffix in (*SUFFIXES, ".tar"):
+    if out is not None and out.name.lower().endswith((*SUFFIXES, *TAR_SUFFIXES)):
         problem = f"{out} has the name of a mask; pass for example scores.csv"
     elif suffix == ".json" and not as_json:
         problem = f"{out} would hold CSV; pass for example scores.jsonl"

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from torchlinf.cli.options import Invert, MaxPixels, Threshold
+from torchlinf.cli.options import MaxPixels
 from torchlinf.cli.outputs import fail, folder_problem, load_table
 from torchlinf.scoring import MAX_PIXELS
 
@@ -27,8 +27,6 @@ def report(
     folder: Annotated[
         Path, typer.Option(metavar="FOLDER", help="Where relative paths in the table begin.", show_default="here")
     ] = Path(),
-    threshold: Threshold = None,
-    invert: Invert = False,
     pictures: Annotated[bool, typer.Option(help="Read the masks, for pictures and profiles.")] = True,
     profiles: Annotated[
         int, typer.Option(min=0, metavar="N", help="Most masks with a profile; each takes as long as scoring it.")
@@ -43,18 +41,37 @@ def report(
 
     The page opens in a browser without a server, and loads nothing from the network.
     """
-    from torchlinf.report import MaskReader, write_report
+    check_page(out, "--out")
+    rows = [row.cells() for row in load_table(table)]
+    if not rows:
+        fail(f"{table} is without a row: there is nothing to show.")
+    title = f"Complexity of shapes: {table.name}" if title is None else title
+    write_page(rows, out, title, folder if pictures else None, limit=limit, profiles=profiles, max_pixels=max_pixels)
 
+
+def check_page(out: Path, option: str) -> None:
+    """Refuse what is not the name of a page that can be written."""
     problem = f"{out} has not the name of a page; pass for example report.html"
     if out.suffix.lower() in SUFFIXES:
         problem = folder_problem(out) or ""
     if problem:
-        raise typer.BadParameter(problem, param_hint="--out")
-    rows = [row.cells() for row in load_table(table)]
-    if not rows:
-        fail(f"{table} is without a row: there is nothing to show.")
-    mask_of = MaskReader(folder, threshold, invert, max_pixels) if pictures else None
-    title = f"Complexity of shapes: {table.name}" if title is None else title
+        raise typer.BadParameter(problem, param_hint=option)
+
+
+def write_page(
+    rows: list[dict[str, Any]],
+    out: Path,
+    title: str,
+    folder: Path | None,
+    *,
+    limit: int = 20_000,
+    profiles: int = 200,
+    max_pixels: int = MAX_PIXELS,
+) -> None:
+    """Write the page of some rows, with pictures of the masks in a folder, and say what is on it."""
+    from torchlinf.report import MaskReader, write_report
+
+    mask_of = None if folder is None else MaskReader(folder, max_pixels)
     try:
         with _progress() as advance:
             page = write_report(

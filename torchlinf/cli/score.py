@@ -1,14 +1,14 @@
 """`torchlinf score`: a table of masks."""
 
 import os
-import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Set
 from contextlib import closing, contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from torchlinf.cli.inputs import find_sources, reading_options
+from torchlinf.cli.inputs import find_sources, reading_options, spacing_of
 from torchlinf.cli.measure_options import takes_measure
 from torchlinf.cli.options import (
     AsJson,
@@ -23,17 +23,21 @@ from torchlinf.cli.options import (
     Overwrite,
     Paths,
     Ray,
+    Report,
     Retry,
+    Spacing,
     Stack,
     Threshold,
     Volume,
+    Voxel,
     Workers,
 )  # fmt: skip
-from torchlinf.cli.outputs import STATUS, check_out, end_if_failed, endings, refuse_source
-from torchlinf.scoring import COLUMNS, MAX_PIXELS, RULE, WINDOWS
+from torchlinf.cli.outputs import STATUS, check_out, end_if_failed, endings, load_table, refuse_source
+from torchlinf.scoring import COLUMNS, MAX_PIXELS, RULE, WINDOWS, split_name
 
 if TYPE_CHECKING:
     from torchlinf.measure import Measure
+    from torchlinf.scoring import Writer
 
 EPILOG = f"""{RULE}
 
@@ -58,11 +62,14 @@ def score(
     ignore: Ignore = None,
     stack: Stack = False,
     volume: Volume = False,
+    spacing: Spacing = None,
+    voxel: Voxel = None,
     invert: Invert = False,
     members: Members = None,
     workers: Workers = None,
     max_pixels: MaxPixels = MAX_PIXELS,
     ray: Ray = None,
+    report: Report = None,
     measure: "Measure",
 ) -> None:
     """Score masks: one row of numbers a mask.
@@ -76,22 +83,30 @@ def score(
 
     with reading_options():
         options = ScoreOptions(
-            threshold, invert, max_pixels, members, measure, label, nonzero, ignore or (), volume, labels, stack
-        )
+            threshold, invert, max_pixels, members, measure, label, nonzero, ignore or (), volume, labels, stack,
+            spacing_of(spacing), voxel,
+        )  # fmt: skip
+    if report is not None:
+        from torchlinf.cli.report import check_page, write_page
+
+        check_page(report, "--report")
     if ray is not None:
         from torchlinf.cli.score_on_ray import score_on_ray
 
-        if as_json or overwrite or retry:
-            raise typer.BadParameter("it always goes on in its folder, of Parquet files", param_hint="--ray")
+        if as_json or overwrite or retry or report is not None:
+            raise typer.BadParameter(
+                "it always goes on in its folder, of Parquet files; torchlinf report makes a page of it",
+                param_hint="--ray",
+            )
         score_on_ray(paths, out, ray, workers or _cores(), options, _progress)
         return
     check_out(out, as_json, overwrite, retry)
-    failed = 0
+    failed, shown = 0, []
     with endings(out):
         sources = find_sources(paths, members)
         refuse_source(out, sources)
         with open_table(out, as_json=as_json, resume=not overwrite, retry=retry, **options.measuring) as put:
-            done = _sources_of(put.done) if labels or stack else put.done
+            done = _sources_of(put, {source.name for source in sources}, retry)
             new = [source for source in sources if source.name not in done]
             failed += sum(done.get(source.name) is not None for source in sources)
             if before := len(sources) - len(new):
@@ -100,18 +115,33 @@ def score(
             with closing(groups), _progress(before, len(sources), shown=out is not None or not as_json) as advance:
                 for rows in groups:
                     put(*rows)
+                    if report is not None and out is None:
+                        shown += [row.cells() for row in rows]
                     failed += any(row.error is not None for row in rows)
                     advance()
+    if report is not None:
+        cells = shown if out is None else [row.cells() for row in load_table(out)]
+        title = "Complexity of shapes" if out is None else f"Complexity of shapes: {out.name}"
+        write_page(cells, report, title, Path(), max_pixels=max_pixels)
     end_if_failed(failed, len(sources), "" if out is None or retry else " --retry scores them again.")
 
 
-def _sources_of(done: Mapping[str, str | None]) -> dict[str, str | None]:
-    """The sources of rows that are named by a page and a label, as stack.npy[3]#15, and the last error of each."""
-    names: dict[str, str | None] = {}
-    for name, error in done.items():
-        source = re.sub(r"(\[\d+\])?(#\d+)?$", "", name, count=1)
-        names[source] = names.get(source) or error
-    return names
+def _sources_of(put: "Writer", names: Set[str], retry: bool) -> dict[str, str | None]:
+    """The sources that need not be scored: of rows that are named by a page and a label, as stack.npy[3]#15, too.
+
+    With `retry` a source is scored again if any of its rows has failed. Else it comes with the last error of its rows.
+    """
+    done: dict[str, str | None] = {}
+    failed = {_source(name, names) for name in put.failed} if retry else set()
+    for name, error in put.done.items():
+        if (source := _source(name, names)) not in failed:
+            done[source] = done.get(source) or error
+    return done
+
+
+def _source(name: str, names: Set[str]) -> str:
+    """The source of a row: it may be called as if it had a page or a label itself, such as coco.json:3.png#7."""
+    return name if name in names else split_name(name)[0]
 
 
 def _cores() -> int:

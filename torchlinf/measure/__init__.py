@@ -12,6 +12,9 @@ from torchlinf.measure.profile import (
     ragged_profile,
 )
 from torchlinf.measure.soft import soft_complexity
+from torchlinf.measure.spacing import checked_spacing, cube_size, equal_spacing
+from torchlinf.measure.spacing import of_words as spacing_of_words
+from torchlinf.measure.spacing import words as spacing_words
 
 __all__ = [
     "ComplexityProfile",
@@ -21,13 +24,18 @@ __all__ = [
     "MeasureOptions",
     "SoftOptions",
     "WindowOptions",
+    "checked_spacing",
     "complexity",
     "complexity_map",
     "complexity_profile",
+    "cube_size",
+    "equal_spacing",
     "level_values",
     "profile_of_field",
     "profile_of_levels",
     "ragged_profile",
     "soft_complexity",
+    "spacing_of_words",
+    "spacing_words",
     "takes",
 ]

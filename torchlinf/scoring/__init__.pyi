@@ -10,10 +10,14 @@ from .mask_rules import MAX_PIXELS as MAX_PIXELS
 from .mask_rules import RULE as RULE
 from .mask_rules import read_inside as read_inside
 from .mask_rules import read_mask as read_mask
+from .mask_rules import read_measured as read_measured
 from .mask_rules import read_source as read_source
+from .names import SUFFIXES as SUFFIXES
+from .names import TAR_SUFFIXES as TAR_SUFFIXES
+from .names import split_name as split_name
 from .options import ScoreOptions as ScoreOptions
 from .options import score_measure as score_measure
-from .readers import SUFFIXES as SUFFIXES
+from .read_again import read_again as read_again
 from .rows import COLUMNS as COLUMNS
 from .rows import WINDOWS as WINDOWS
 from .rows import NoTableError as NoTableError
@@ -30,6 +34,7 @@ from .shards import find_shards as find_shards
 from .sources import Source as Source
 from .sources import find_masks as find_masks
 from .summary import print_table as print_table
+from .tables import Writer as Writer
 from .tables import open_table as open_table
 from .tables import read_table as read_table
 from .tables import write_table as write_table

@@ -42,9 +42,14 @@ class Score:
         error_bound: how far any of `values` can be from that of the exact field, proven, in their unit.
         field_error_bound: certified relative error of the field.
         seconds: time taken to read and score the mask.
-        inside: which rule says what is inside: "nonzero", a threshold such as "> 127", "label 3", or "outline".
+        inside: which rule says what is inside: "nonzero", a threshold such as "> 127", "label 3", or "outline"; of an
+            inverted mask with "not " before it, and with what was ignored, as in "nonzero except 255".
+        spacing: the size of a pixel along each axis, and of the cubes that the mask was brought to before it was
+            measured, as "3 x 0.9 x 0.9 in cubes of 0.9"; None if the pixels were measured as they are. `radius`,
+            `peak_scale` and the complexity are then those of the cubes.
         label: the label that the mask is of, if every label of a map has a row.
-        category: of an annotation in a COCO file, its category: the name if the file has one, else the id.
+        category: of an annotation in a COCO file, its category: the name if the file has one, else the id; the label in
+            a labelme file.
         image: of an annotation in a COCO file, its image: the file name if the file has one, else the id.
         error: what went wrong, in words; None if nothing did.
         version: the version of torchlinf that scored the mask.
@@ -65,6 +70,7 @@ class Score:
     field_error_bound: float | None = None
     seconds: float | None = None
     inside: str | None = None
+    spacing: str | None = None
     label: int | None = None
     category: str | None = None
     image: str | None = None

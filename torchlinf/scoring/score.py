@@ -1,7 +1,7 @@
 """Masks in files and archives in, one row of numbers a mask out. A bad mask gives a row with an error."""
 
 import time
-from collections.abc import Collection, Generator, Iterable
+from collections.abc import Collection, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -12,8 +12,15 @@ from numpy.typing import NDArray
 
 from torchlinf import __version__
 from torchlinf._helpers.boxes import bounding_box
-from torchlinf.measure import ComplexityProfile, Measure, MeasureOptions, ragged_profile, takes
-from torchlinf.scoring.mask_rules import MAX_PIXELS, Found, read_all, read_inside
+from torchlinf.measure import (
+    ComplexityProfile,
+    Measure,
+    MeasureOptions,
+    ragged_profile,
+    spacing_words,
+    takes,
+)  # fmt: skip
+from torchlinf.scoring.mask_rules import MAX_PIXELS, Found, in_cubes, read_all, read_inside
 from torchlinf.scoring.options import ScoreOptions, score_measure
 from torchlinf.scoring.rows import WINDOWS, Score
 from torchlinf.scoring.sources import Source
@@ -22,7 +29,7 @@ from torchlinf.scoring.workers import in_order
 
 LONGEST = 500  # characters of an error: some quote a part of the file
 EMPTY = "no foreground: no pixel is inside"
-NOT_OF_A_MASK = ("path", "seconds", "inside", "label", "category", "image", "version", "measure")
+NOT_OF_A_MASK = ("path", "seconds", "inside", "spacing", "label", "category", "image", "version", "measure")
 
 
 @takes(MeasureOptions, windows=WINDOWS)
@@ -65,6 +72,8 @@ def score_masks(
     volume: bool = False,
     labels: bool = False,
     stack: bool = False,
+    spacing: str | Sequence[float] | None = None,
+    voxel: float | None = None,
     workers: int = 1,
     isolated: bool = False,
     **options: Unpack[MeasureOptions],
@@ -82,6 +91,10 @@ def score_masks(
         volume: arrays of three axes, and TIFFs of several pages, are volumes (D, H, W).
         labels: a row for each label of a map but 0, named with the label behind: "map.png#15".
         stack: arrays of three axes, and TIFFs of several pages, are masks (N, H, W), each with a row: "stack.npy[0]".
+        spacing: size of a pixel along each axis, depth first, or "header" for what the file says, or "pixels" for none;
+            None takes that of NIfTI and no other. A mask of oblong pixels is brought to cubes before it is measured:
+            see `torchlinf.equal_spacing`.
+        voxel: size of the cubes, in the same unit; None takes the finest of the spacing.
         workers: how many masks are worked on at a time. The numbers do not depend on it. With several workers and
             over a hundred sources they are processes, so that the call must stand under
             `if __name__ == "__main__":` in a script.
@@ -107,8 +120,9 @@ def score_masks(
         'no such file'
     """
     chosen = ScoreOptions(
-        threshold, invert, max_pixels, None, score_measure(options), label, nonzero, ignore, volume, labels, stack
-    )
+        threshold, invert, max_pixels, None, score_measure(options), label, nonzero, ignore, volume, labels, stack,
+        spacing, voxel,
+    )  # fmt: skip
     return score_each(sources, chosen, workers=workers, isolated=isolated)
 
 
@@ -123,6 +137,8 @@ def score_source(
     invert: bool = False,
     max_pixels: int = MAX_PIXELS,
     volume: bool = False,
+    spacing: str | Sequence[float] | None = None,
+    voxel: float | None = None,
     **options: Unpack[MeasureOptions],
 ) -> Score:
     """Score one mask; whatever is wrong with it is the row's `error`.
@@ -136,13 +152,18 @@ def score_source(
         invert: swap inside and outside.
         max_pixels: a larger image is refused.
         volume: arrays of three axes, and TIFFs of several pages, are volumes (D, H, W).
+        spacing: size of a pixel along each axis, "header", "pixels" or None; as in `score_masks`.
+        voxel: size of the cubes that it is brought to, in the same unit; None takes the finest of the spacing.
         {measure options}
 
     Raises:
         TypeError: `source` is not a `Source`, or an option is of the wrong type.
         ValueError: an option has a wrong value.
     """
-    chosen = ScoreOptions(threshold, invert, max_pixels, None, score_measure(options), label, nonzero, ignore, volume)
+    chosen = ScoreOptions(
+        threshold, invert, max_pixels, None, score_measure(options), label, nonzero, ignore, volume,
+        spacing=spacing, voxel=voxel,
+    )  # fmt: skip
     (row,) = score_rows(source, chosen)
     return row
 
@@ -180,7 +201,7 @@ def score_rows(source: Source, options: ScoreOptions) -> list[Score]:
     start = time.perf_counter()
     try:
         for found in read_all(source, options.reading):
-            row = _row(found, replace(blank, path=source.name + found.suffix), options.measure)
+            row = _row(found, replace(blank, path=source.name + found.suffix), options)
             rows.append(replace(row, seconds=round(time.perf_counter() - start, 6)))
             start = time.perf_counter()
     except Exception as error:
@@ -189,13 +210,15 @@ def score_rows(source: Source, options: ScoreOptions) -> list[Score]:
     return rows
 
 
-def _row(found: Found, blank: Score, measure: Measure) -> Score:
+def _row(found: Found, blank: Score, options: ScoreOptions) -> Score:
     row = replace(blank, inside=found.rule, label=found.label)
+    if found.spacing is not None:
+        row = replace(row, spacing=spacing_words(found.spacing, options.voxel))
     try:
-        numbers = _numbers(found.inside, measure)
-    except Exception as error:  # a field that does not converge
+        numbers = _numbers(found.inside, options.measure, in_cubes(found, options.reading))
+    except Exception as error:  # a field that does not converge, too many cubes
         return replace(row, error=error_text(error))
-    kept = ("path", "inside", "label", "category", "image")
+    kept = ("path", "inside", "spacing", "label", "category", "image")
     own = {name: getattr(row, name) for name in kept}
     width, height, depth = (*reversed(found.shape), None)[:3]
     return replace(numbers, **own, width=width, height=height, depth=depth)
@@ -211,13 +234,13 @@ def profile_source(source: Source, options: ScoreOptions) -> tuple[ComplexityPro
     """Read one mask and measure it at all scales.
 
     Returns:
-        The profile, of the leading shape (1,), and the mask.
+        The profile, of the leading shape (1,), and the mask, in cubes if its pixels have a spacing.
 
     Raises:
         UnreadableMaskError: there is no mask, or no pixel is inside.
         RuntimeError: the field could not be solved.
     """
-    inside = read_inside(source, options.reading).inside
+    inside = in_cubes(read_inside(source, options.reading), options.reading)
     if not inside.any():
         raise UnreadableMaskError(EMPTY)
     return ragged_profile([inside].__getitem__, 1, options.measure), inside
@@ -234,21 +257,22 @@ def _storable(text: str | None) -> str | None:
     return None if text is None else str(text).encode("utf-8", "backslashreplace").decode()
 
 
-def _numbers(inside: NDArray[np.bool_], measure: Measure) -> Score:
-    """The row of a mask that has been read."""
+def _numbers(inside: NDArray[np.bool_], measure: Measure, measured: NDArray[np.bool_] | None = None) -> Score:
+    """The row of a mask that has been read; `measured` is the mask in cubes, if its pixels are none."""
     from skimage.measure import label
 
     row = replace(blank_row("", measure), pixels=int(np.count_nonzero(inside)))
     row = replace(row, **dict(zip(("width", "height", "depth"), reversed(inside.shape), strict=False)))
     if not row.pixels:
         return replace(row, radius=0, components=0, error=EMPTY)
-    shape = np.ascontiguousarray(inside[bounding_box(inside)])
-    profile = ragged_profile([shape].__getitem__, 1, measure)
+    own = inside[bounding_box(inside)]
+    shape = own if measured is None else measured[bounding_box(measured)]
+    profile = ragged_profile([np.ascontiguousarray(shape)].__getitem__, 1, measure)
     peak, peak_scale = profile.peak()
     return replace(
         row,
         radius=int(profile.radius),
-        components=int(label(shape, connectivity=shape.ndim, return_num=True)[1]),  # type: ignore[no-untyped-call]
+        components=int(label(own, connectivity=own.ndim, return_num=True)[1]),  # type: ignore[no-untyped-call]
         values={name: profile.mean(*ends).item() for name, ends in measure.named_windows().items()},
         peak=peak.item(),
         peak_scale=peak_scale.item(),

@@ -16,6 +16,7 @@ from torchlinf.measure import Measure, MeasureOptions, takes
 from torchlinf.scoring import parquet
 from torchlinf.scoring.atomic_write import replace_file
 from torchlinf.scoring.journal import JOURNAL, Journal
+from torchlinf.scoring.names import split_name
 from torchlinf.scoring.options import score_measure
 from torchlinf.scoring.rows import (
     WINDOWS,
@@ -38,10 +39,12 @@ class Writer:
     Attributes:
         write: keeps rows, all or none.
         done: of every mask that the table held before, the path and the error, None if there was none.
+        failed: paths of the masks that the table held before with an error; with `retry` they are not in `done`.
     """
 
     write: Callable[..., None]
     done: Mapping[str, str | None] = field(default_factory=dict)
+    failed: frozenset[str] = frozenset()
 
     def __call__(self, *rows: Score) -> None:
         """Keep the rows of a source, all or none, so that a stopped run leaves no source half done."""
@@ -109,8 +112,13 @@ def open_table(
             path.resolve().unlink(missing_ok=True)  # a link stays one
             journal.clear()
         kept = chain(read_table(path) if path.exists() else (), journal.rows())
-        done = {row.path: row.error for row in _of_this_measure(kept, measure)}
-        yield Writer(journal.append, {name: error for name, error in done.items() if not (retry and error is not None)})
+        done: dict[str, str | None] = {}
+        for row in _of_this_measure(kept, measure):
+            if done.get(source := split_name(row.path)[0]) is not None:
+                del done[source]  # it failed as a whole, and was scored again
+            done[row.path] = row.error
+        failed = frozenset(name for name, error in done.items() if error is not None)
+        yield Writer(journal.append, {name: done[name] for name in done if not (retry and name in failed)}, failed)
         if len(journal) or not path.exists():
             _convert(journal, path, columns(measure.named_windows()), as_json)
             journal.clear()
@@ -174,17 +182,24 @@ def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
 
 
 def _convert(journal: Journal, path: Path, columns: Sequence[str], as_json: bool) -> None:
-    """Put the journal's rows behind those of a table; a row takes the place of earlier ones of the same mask."""
+    """Put the journal's rows behind those of a table; a row takes the place of earlier ones of the same mask.
+
+    The rows of a map or stack also take the place of the one row that said why it had none.
+    """
     real = path.resolve()
     for leftover in real.parent.glob(f".{escape(real.name)}.*.tmp"):  # of a run that was killed right here
         leftover.unlink()
     coming = Counter(row.path for row in journal.rows())
+    parts = {source for row in journal.rows() if row.error is None and (source := split_name(row.path)[0]) != row.path}
 
     def is_last(row: Score) -> bool:
         coming[row.path] -= 1
         return not coming[row.path]
 
-    before = (row for row in read_table(path) if row.path not in coming) if path.exists() else ()
+    def is_kept(row: Score) -> bool:
+        return row.path not in coming and not (row.error is not None and row.path in parts)
+
+    before = filter(is_kept, read_table(path)) if path.exists() else ()
     write_table(path, chain(before, filter(is_last, journal.rows())), columns=columns, as_json=as_json)
 
 

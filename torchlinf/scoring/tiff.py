@@ -69,7 +69,10 @@ def _decode_by_pillow(file: IO[bytes], page: Any, index: int, cause: Exception) 
     from PIL import Image, TiffImagePlugin, UnidentifiedImageError
 
     file.seek(0)
-    refusal = UnreadableMaskError(f"its compression needs imagecodecs: pip install imagecodecs ({cause})")
+    refusal = UnreadableMaskError(
+        f"its compression needs imagecodecs, which is not installed or cannot do it ({cause}). Run: pip install "
+        "'torchlinf[codecs]'"
+    )
     try:
         image = TiffImagePlugin.TiffImageFile(file)
     except (UnidentifiedImageError, SyntaxError):
