@@ -69,7 +69,7 @@ def test_the_command_asks_and_is_answered(tmp_path: Path) -> None:
     for options, rule, pixels in (
         (["--label", "300"], "label 300", (MAP == 300).sum()),
         (["--nonzero"], "nonzero", (MAP > 0).sum()),
-        (["--nonzero", "--ignore", "300", "--ignore", "7"], "nonzero", (MAP == 65535).sum()),
+        (["--nonzero", "--ignore", "300", "--ignore", "7"], "nonzero except 300, 7", (MAP == 65535).sum()),
         (["--threshold", "299"], "> 299", (MAP > 299).sum()),
     ):
         (row,) = table(run(app, ["score", path, *options]).stdout)

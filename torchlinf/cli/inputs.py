@@ -58,6 +58,7 @@ def tell_passed_over(passed_over: Counter[str]) -> None:
     """Say in one line what folders hold that is not read: the most frequent suffixes first."""
     if not (total := passed_over.total()):
         return
-    kinds = [f"{number:,} {kind}" for kind, number in passed_over.most_common() if number]
+    counts = sorted(passed_over.items(), key=lambda one: (-one[1], one[0]))
+    kinds = [f"{number:,} {kind}" for kind, number in counts if number]
     shown = kinds if len(kinds) <= KINDS_SHOWN else [*kinds[: KINDS_SHOWN - 1], "others"]
     typer.echo(f"Passed over in folders: {total:,} ({', '.join(shown)}).", err=True)

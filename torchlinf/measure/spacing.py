@@ -15,7 +15,7 @@ from torchlinf._helpers.checks import count, positive
 Mask = TypeVar("Mask", bound=Tensor | NDArray[Any])
 
 MAX_CUBES = 2**27
-CLOSE = 1e-5  # sizes come rounded: 0.3333 and 1 are meant as 1 : 3
+CLOSE, SIMPLE = 1e-5, 64  # sizes come rounded: 0.3333 and 1 are meant as 1 : 3
 
 
 def equal_spacing(
@@ -139,7 +139,7 @@ def _text(size: float) -> str:
 def _ratio(size: float, cube: float) -> Fraction:
     """Cubes to a pixel; the simple fraction that is meant, if there is one close by."""
     exact = Fraction(size) / Fraction(cube)
-    simple = exact.limit_denominator(1000)
+    simple = exact.limit_denominator(SIMPLE)
     return simple if abs(simple - exact) <= CLOSE * exact else exact
 
 

@@ -39,7 +39,8 @@ def tar_masks(path: Path, members: str | None = None) -> Iterator[Member]:
         tarfile.TarError: it is damaged; the members before the damage have been yielded.
     """
     is_packed = suffix_of(path) in PACKED_SUFFIXES
-    seen: set[str] = set()
+    seen: set[str] = set()  # names in the archive
+    taken: set[str] = set()  # names of entries
     with ExitStack() as files:
         file = cast("IO[bytes]", files.enter_context(gzip.GzipFile(path) if is_packed else path.open("rb")))
         end = None if is_packed else file.seek(0, 2)
@@ -50,10 +51,11 @@ def tar_masks(path: Path, members: str | None = None) -> Iterator[Member]:
                 wanted = fnmatchcase(info.name, members) if members else info.name.lower().endswith(SUFFIXES)
                 if not wanted or info.isdir():
                     continue
-                name, error = name_beside(info.name, seen), _problem(info, end)
+                name, error = name_beside(info.name, taken), _problem(info, end)
                 if info.name in seen:
                     error = "the archive holds another member of this name before"
-                seen.add(name)
+                seen.add(info.name)
+                taken.add(name)
                 if error is not None:
                     yield Member(name, None, error)
                     continue

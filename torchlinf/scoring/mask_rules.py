@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from torchlinf._helpers.boxes import bounding_box
 from torchlinf._helpers.checks import count, flag, number_or_none, positive
 from torchlinf._helpers.inside import NONZERO, UnclearMaskError, above, distinct, find_inside, listed, text
-from torchlinf.measure import checked_spacing, cube_size, equal_spacing
 from torchlinf.scoring.coco import Outline, Segment, draw
 from torchlinf.scoring.in_memory import InMemory, values_in_memory
 from torchlinf.scoring.labelme import Drawing, draw_shapes
@@ -110,6 +109,8 @@ class Reading:
                     f"spacing must be numbers, 'header' or 'pixels'; got {self.spacing!r}. Pass for example (2, 1, 1)."
                 )
         elif self.spacing is not None:
+            from torchlinf.measure import checked_spacing  # it needs torch, and the help of the command does not
+
             object.__setattr__(self, "spacing", checked_spacing(self.spacing))
         if self.voxel is not None:
             object.__setattr__(self, "voxel", positive(self.voxel, "voxel"))
@@ -267,6 +268,8 @@ def in_cubes(found: Found, reading: Reading) -> NDArray[np.bool_]:
     Raises:
         UnreadableMaskError: there would be too many cubes, or none is inside.
     """
+    from torchlinf.measure import cube_size, equal_spacing
+
     inside = found.inside
     if found.spacing is None or cube_size(found.spacing, reading.voxel) is None or not inside.any():
         return inside
