@@ -48,7 +48,7 @@ def test_rows_of_labels_and_stacks(tmp_path: Path) -> None:
     Image.fromarray(MAP).save(tmp_path / "map.png")
     np.save(tmp_path / "stack.npy", np.stack([MAP, MAP[::-1]]))
     rows = list(score_masks(find_masks([tmp_path / "map.png"]), labels=True, ignore=255))
-    same(found(rows), [MAP == label for label in (7, 15, 90)])
+    same(found(rows), [label == MAP for label in (7, 15, 90)])
     rows = list(score_masks(find_masks([tmp_path / "stack.npy"]), labels=True, stack=True, ignore=255))
     assert rows[4].path == f"{tmp_path}/stack.npy[1]#15"
     same(found(rows), [page == label for page in (MAP, MAP[::-1]) for label in (7, 15, 90)])
@@ -88,7 +88,7 @@ def test_rows_of_archives_volumes_and_descriptions(tmp_path: Path) -> None:
         info.size = len(file.getvalue())
         archive.addfile(info, io.BytesIO(file.getvalue()))
     rows = list(score_masks(find_masks([tmp_path / "a.tgz"]), labels=True, ignore=255))
-    same(found(rows), [MAP == label for label in (7, 15, 90)])
+    same(found(rows), [label == MAP for label in (7, 15, 90)])
     volume = np.stack([MAP > 0, MAP > 7, MAP > 15])
     np.save(tmp_path / "v.npy", volume)
     rows = list(score_masks(find_masks([tmp_path / "v.npy"]), volume=True, spacing=(2.5, 1.0, 1.0)))
@@ -129,7 +129,7 @@ def test_a_panoptic_picture_is_decoded_once(tmp_path: Path, monkeypatch: pytest.
 
     monkeypatch.setattr(last_read, "read_values", counted)
     rows = list(score_masks(find_masks([tmp_path / "pan.json"])))
-    assert [row.pixels for row in rows] == [(MAP == label).sum() for label in (7, 15, 90)] * 3
+    assert [row.pixels for row in rows] == [(label == MAP).sum() for label in (7, 15, 90)] * 3
     assert decoded == [tmp_path / f"{i}.png" for i in range(3)]
 
 
