@@ -170,6 +170,33 @@ def write_table(
     replace_file(path, write)
 
 
+def write_lines(path: Path, rows: Iterable[Iterable[Any]]) -> None:
+    """Write any cells as CSV, as `write_table` does; to "-", a pipe or a device as they come.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    if os.fspath(path) == STANDARD_OUTPUT:
+        _send_lines(sys.stdout, rows)
+        return
+    if path.exists() and not path.is_file():
+        with path.open("w", encoding="utf-8", newline="") as stream:
+            _send_lines(stream, rows)
+        return
+    form = table_format(path)
+
+    def write(temporary: Path) -> None:
+        with writing(temporary, form.compressed) as file:
+            file.writelines(csv_line(cells, form.delimiter) for cells in rows)
+
+    replace_file(path, write)
+
+
+def _send_lines(file: TextIO, rows: Iterable[Iterable[Any]]) -> None:
+    for cells in rows:
+        _send(file, csv_line(_shown(cells) if file.isatty() else cells))
+
+
 def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
     """Read the rows of a table: CSV, JSON lines, Parquet, or a folder of such files (all of them, sorted by name).
 
@@ -293,18 +320,23 @@ def _stream(file: TextIO, as_json: bool, measure: Measure, drawn: bool = False) 
         return
 
     def line(cells: Iterable[Any]) -> str:
-        if is_terminal:
-            cells = [printable(cell) if isinstance(cell, str) else cell for cell in cells]
-        return csv_line(cells)
+        return csv_line(_shown(cells) if is_terminal else cells)
 
     def send(*rows: Score, instead_of: Sequence[str] = ()) -> None:
         """Send rows on; what has been sent before stays."""
-        write("".join(json_line(row) if as_json else line(row.cells().values()) for row in rows))
-
-    def write(text: str) -> None:
-        file.write(encodable(text, file.encoding))
-        file.flush()  # a reader may wait for it
+        _send(file, "".join(json_line(row) if as_json else line(row.cells().values()) for row in rows))
 
     if not as_json:
-        write(line(columns(measure.named_windows())))
+        _send(file, line(columns(measure.named_windows())))
     yield send
+
+
+def _shown(cells: Iterable[Any]) -> list[Any]:
+    """Cells for a terminal, which no text steers."""
+    return [printable(cell) if isinstance(cell, str) else cell for cell in cells]
+
+
+def _send(file: TextIO, text: str) -> None:
+    """Send text on at once; what the encoding of the stream does not have goes as an escape."""
+    file.write(encodable(text, file.encoding))
+    file.flush()  # a reader may wait for it
