@@ -114,7 +114,9 @@ def _by_source(paths: Iterable[str], names: Collection[str]) -> dict[str, list[s
     """Paths of rows by their source; --stack and --labels add a page and a label to its name, as stack.npy[3]#15."""
     sources: dict[str, list[str]] = {}
     for path in paths:
-        name = path if path in names else re.sub(r"(\[\d+\])?(#\d+)?$", "", path, count=1)
+        shorter = re.sub(r"#\d+$", "", path)
+        shortest = re.sub(r"\[\d+\]$", "", shorter)
+        name = next((name for name in (path, shorter, shortest) if name in names), shortest)
         sources.setdefault(name, []).append(path)
     return sources
 
