@@ -112,6 +112,8 @@ def test_without_a_decoder_the_row_says_what_to_do(kind: str, tmp_path: Path, mo
     (row,) = score_masks(find_masks([tmp_path]))
     assert "Pillow" not in row.error
     monkeypatch.setattr(features, "check", lambda name: name != kind)
+    plugin = "WebP" if kind == "webp" else "Avif"
+    monkeypatch.setattr(f"PIL.{plugin}ImagePlugin.SUPPORTED", False)
     (row,) = score_masks(find_masks([tmp_path]))
     assert f"is installed without {kind.upper()}. Run: pip install --upgrade pillow" in row.error
 

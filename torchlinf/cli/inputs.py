@@ -7,6 +7,7 @@ from pathlib import Path
 
 import typer
 
+from torchlinf.cli.outputs import say
 from torchlinf.scoring import SUFFIXES, TAR_SUFFIXES, Source, find_masks
 
 KINDS_SHOWN = 8
@@ -61,4 +62,4 @@ def tell_passed_over(passed_over: Counter[str]) -> None:
     counts = sorted(passed_over.items(), key=lambda one: (-one[1], one[0]))
     kinds = [f"{number:,} {kind}" for kind, number in counts if number]
     shown = kinds if len(kinds) <= KINDS_SHOWN else [*kinds[: KINDS_SHOWN - 1], "others"]
-    typer.echo(f"Passed over in folders: {total:,} ({', '.join(shown)}).", err=True)
+    say(f"Passed over in folders: {total:,} ({', '.join(shown)}).")

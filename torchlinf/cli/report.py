@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from torchlinf.cli.options import MaxPixels
-from torchlinf.cli.outputs import fail, folder_problem, load_table
+from torchlinf.cli.outputs import fail, folder_problem, load_table, say
 from torchlinf.scoring import MAX_PIXELS
 
 EPILOG = (
@@ -81,13 +81,12 @@ def write_page(
         fail(str(error))
     except OSError as error:
         fail(f"The page cannot be written ({error.strerror or error}).")
-    typer.echo(
+    say(
         f"{out}: {page.size / 1e6:.1f} MB, {page.rows:,} of {len(rows):,} masks, {page.pictures:,} pictures, "
-        f"{page.profiles:,} profiles.",
-        err=True,
+        f"{page.profiles:,} profiles."
     )
     for reason, count in page.missing.most_common(3):
-        typer.echo(f"{count:,} without a picture: {reason}", err=True)
+        say(f"{count:,} without a picture: {reason}")
 
 
 @contextmanager

@@ -1,7 +1,9 @@
 """`torchlinf score`: a table of masks."""
 
 import os
-from collections.abc import Callable, Iterator, Set
+import re
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,12 +34,20 @@ from torchlinf.cli.options import (
     Voxel,
     Workers,
 )  # fmt: skip
-from torchlinf.cli.outputs import STATUS, check_out, end_if_failed, endings, load_table, refuse_source
-from torchlinf.scoring import COLUMNS, MAX_PIXELS, RULE, WINDOWS, split_name
+from torchlinf.cli.outputs import (
+    STATUS,
+    check_out,
+    end_if_failed,
+    endings,
+    is_standard_output,
+    load_table,
+    refuse_source,
+    say,
+)  # fmt: skip
+from torchlinf.scoring import COLUMNS, MAX_PIXELS, RULE, WINDOWS
 
 if TYPE_CHECKING:
     from torchlinf.measure import Measure
-    from torchlinf.scoring import Writer
 
 EPILOG = f"""{RULE}
 
@@ -106,42 +116,39 @@ def score(
         sources = find_sources(paths, members)
         refuse_source(out, sources)
         with open_table(out, as_json=as_json, resume=not overwrite, retry=retry, **options.measuring) as put:
-            done = _sources_of(put, {source.name for source in sources}, retry)
+            names = {source.name for source in sources}
+            held, failures = _by_source(put.done, names), _by_source(put.failed, names)
+            done = held.keys() - failures.keys()
             new = [source for source in sources if source.name not in done]
-            failed += sum(done.get(source.name) is not None for source in sources)
+            failed += sum(any(put.done[path] is not None for path in held[name]) for name in done & names)
             if before := len(sources) - len(new):
-                typer.echo(f"{before} of {len(sources)} masks are in {out} already.", err=True)
+                say(f"{before} of {len(sources)} masks are in {out} already.")
             groups = score_groups(new, options, workers=workers or _cores())
-            with closing(groups), _progress(before, len(sources), shown=out is not None or not as_json) as advance:
-                for rows in groups:
-                    put(*rows)
-                    if report is not None and out is None:
+            streams = is_standard_output(out) and (as_json or out is not None) and sys.stdout.isatty()
+            with closing(groups), _progress(before, len(sources), shown=not streams) as advance:
+                for source, rows in zip(new, groups, strict=True):
+                    replaced = {*held.get(source.name, ()), *failures.get(source.name, ())}
+                    put(*rows, instead_of=sorted(replaced - {row.path for row in rows}))
+                    if report is not None and is_standard_output(out):
                         shown += [row.cells() for row in rows]
                     failed += any(row.error is not None for row in rows)
                     advance()
     if report is not None:
-        cells = shown if out is None else [row.cells() for row in load_table(out)]
+        cells = shown if out is None or is_standard_output(out) else [row.cells() for row in load_table(out)]
         title = "Complexity of shapes" if out is None else f"Complexity of shapes: {out.name}"
         write_page(cells, report, title, Path(), max_pixels=max_pixels)
     end_if_failed(failed, len(sources), "" if out is None or retry else " --retry scores them again.")
 
 
-def _sources_of(put: "Writer", names: Set[str], retry: bool) -> dict[str, str | None]:
-    """The sources that need not be scored: of rows that are named by a page and a label, as stack.npy[3]#15, too.
-
-    With `retry` a source is scored again if any of its rows has failed. Else it comes with the last error of its rows.
-    """
-    done: dict[str, str | None] = {}
-    failed = {_source(name, names) for name in put.failed} if retry else set()
-    for name, error in put.done.items():
-        if (source := _source(name, names)) not in failed:
-            done[source] = done.get(source) or error
-    return done
-
-
-def _source(name: str, names: Set[str]) -> str:
-    """The source of a row: it may be called as if it had a page or a label itself, such as coco.json:3.png#7."""
-    return name if name in names else split_name(name)[0]
+def _by_source(paths: Iterable[str], names: Collection[str]) -> dict[str, list[str]]:
+    """Paths of rows by their source; --stack and --labels add a page and a label to its name, as stack.npy[3]#15."""
+    sources: dict[str, list[str]] = {}
+    for path in paths:
+        shorter = re.sub(r"#\d+$", "", path)
+        shortest = re.sub(r"\[\d+\]$", "", shorter)
+        name = next((name for name in (path, shorter, shortest) if name in names), shortest)
+        sources.setdefault(name, []).append(path)
+    return sources
 
 
 def _cores() -> int:

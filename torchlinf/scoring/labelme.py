@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf.scoring.values import UnreadableMaskError
+from torchlinf.scoring.open_image import PILLOW_FORMATS, open_image
+from torchlinf.scoring.values import UnreadableMaskError, require_size
 
 FARTHEST = 1e6  # coordinates beyond it are none of an image
 WITHOUT_AREA = ("line", "linestrip", "point", "points")
@@ -99,7 +100,7 @@ def draw_shapes(drawing: Drawing, max_pixels: int) -> NDArray[np.bool_]:
         raise UnreadableMaskError(f"a {kinds[0]} encloses no area")
     inside = np.zeros((height, width), dtype=np.bool_)
     for kind, shape in solid:
-        inside |= _drawn(kind, shape, height, width)
+        inside |= _drawn(kind, shape, height, width, max_pixels)
     return inside
 
 
@@ -108,18 +109,18 @@ def _size(path: Path, content: dict[str, Any]) -> tuple[int | None, int | None]:
     height, width = content.get("imageHeight"), content.get("imageWidth")
     if all(isinstance(side, int) and side > 0 for side in (height, width)):
         return height, width
-    from PIL import Image
-
+    data, beside = content.get("imageData"), path.parent / str(content.get("imagePath"))
+    if not data and not beside.is_file():  # opening a named pipe would wait for ever
+        return None, None
     try:
-        data = content.get("imageData")
-        file = BytesIO(base64.b64decode(data)) if data else path.parent / str(content.get("imagePath"))
-        with Image.open(file) as image:
+        with BytesIO(base64.b64decode(data)) if data else beside.open("rb") as file:
+            image = open_image(file, PILLOW_FORMATS)
             return image.height, image.width
-    except (OSError, ValueError, TypeError, Image.DecompressionBombError):
+    except (OSError, ValueError, TypeError):
         return None, None
 
 
-def _drawn(kind: str, shape: dict[str, Any], height: int, width: int) -> NDArray[np.bool_]:
+def _drawn(kind: str, shape: dict[str, Any], height: int, width: int, max_pixels: int) -> NDArray[np.bool_]:
     from PIL import Image, ImageDraw
 
     points = _points(shape.get("points"))
@@ -129,7 +130,7 @@ def _drawn(kind: str, shape: dict[str, Any], height: int, width: int) -> NDArray
     if len(points) != needed if needed is not None else len(points) < 3:
         raise UnreadableMaskError(f"a {kind} must have {needed or 'three or more'} points; got {len(points)}")
     if kind == "mask":
-        return _stored(shape.get("mask"), points, height, width)
+        return _stored(shape.get("mask"), points, height, width, max_pixels)
     image = Image.new("L", (width, height))
     draw = ImageDraw.Draw(image)
     if kind == "circle":  # its centre, and a point on it
@@ -156,13 +157,12 @@ def _points(points: Any) -> list[tuple[float, float]]:
     return [(x, y) for x, y in values.tolist()]
 
 
-def _stored(png: Any, points: list[tuple[float, float]], height: int, width: int) -> NDArray[np.bool_]:
+def _stored(png: Any, points: list[tuple[float, float]], height: int, width: int, max_pixels: int) -> NDArray[np.bool_]:
     """A mask that the file holds as a PNG in base64, with the pixels of its corners, both of them inside."""
-    from PIL import Image
-
     try:
-        picture = Image.open(BytesIO(base64.b64decode(png, validate=True)), formats=["PNG"])
+        picture = open_image(BytesIO(base64.b64decode(png, validate=True)), {"PNG": "Png"})
         (left, top), (right, bottom) = ((int(x), int(y)) for x, y in points)
+        require_size((picture.height, picture.width), max_pixels)
         if picture.size != (right - left + 1, bottom - top + 1):
             raise ValueError(f"it is of {picture.size}, and its corners say otherwise")
         stored = np.asarray(picture.convert("L")) > 0

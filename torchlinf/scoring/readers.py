@@ -7,7 +7,7 @@ import os
 import stat
 import zipfile
 import zlib
-from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from torchlinf.scoring.names import ARRAY_SUFFIXES, NIFTI_SUFFIXES, SUFFIXES, su
 from torchlinf.scoring.netpbm import BEGINNINGS as NETPBM_BEGINNINGS
 from torchlinf.scoring.netpbm import read_netpbm
 from torchlinf.scoring.nifti import is_nifti, read_nifti
+from torchlinf.scoring.open_image import PILLOW_FORMATS, open_image
 from torchlinf.scoring.tiff import read_tiff
 from torchlinf.scoring.values import (
     UnreadableMaskError,
@@ -32,9 +33,6 @@ from torchlinf.scoring.values import (
 
 if TYPE_CHECKING:
     from PIL.Image import Image
-
-# Pillow tries every format it knows unless told otherwise; files from strangers should meet few decoders.
-PILLOW_FORMATS = {"PNG": "Png", "GIF": "Gif", "BMP": "Bmp", "JPEG": "Jpeg", "WEBP": "WebP", "AVIF": "Avif"}
 
 TIFF_BEGINNINGS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # the last two are BigTIFF
 
@@ -144,12 +142,11 @@ def _parse_npy(file: IO[bytes], max_pixels: int) -> NDArray[Any]:
 
 
 def _read_image(file: IO[bytes], suffix: str, max_pixels: int) -> Values:
-    from PIL import Image, UnidentifiedImageError
+    from PIL import UnidentifiedImageError
 
-    formats = _formats()
     bits, is_coloured = _png_depth(file)
     try:
-        with Image.open(file, formats=formats) as image:
+        with open_image(file, PILLOW_FORMATS) as image:
             require_size((image.height, image.width), max_pixels)
             if bits == 16 and is_coloured:
                 return values_of_colours(_deep_png(file))
@@ -158,35 +155,24 @@ def _read_image(file: IO[bytes], suffix: str, max_pixels: int) -> Values:
     except UnidentifiedImageError as error:
         if suffix in (".tif", ".tiff"):
             raise UnreadableMaskError("not a TIFF image, or a damaged one") from error
-        if (kind := _missing_decoder(file, formats)) is not None:
+        if (kind := _missing_decoder(file)) is not None:
             raise UnreadableMaskError(
-                f"Pillow {Image.__version__} is installed without {kind}. Run: pip install --upgrade pillow"  # type: ignore[attr-defined]
+                f"Pillow {version("pillow")} is installed without {kind}. Run: pip install --upgrade pillow"
             ) from error
         known = ", ".join(suffix[1:] for suffix in SUFFIXES)
         raise UnreadableMaskError(f"not an image in a known format ({known})") from error
 
 
-def _formats() -> list[str]:
-    """The formats that Pillow is to try. If one were not loaded here, Pillow would load all of the forty others."""
-    from PIL import features
-
-    formats = []
-    for name, plugin in PILLOW_FORMATS.items():
-        try:
-            import_module(f"PIL.{plugin}ImagePlugin")
-        except ImportError:  # Pillow before 11.3 has no AVIF
-            continue
-        if name not in ("WEBP", "AVIF") or features.check(name.lower()):
-            formats.append(name)
-    return formats
-
-
-def _missing_decoder(file: IO[bytes], formats: list[str]) -> str | None:
+def _missing_decoder(file: IO[bytes]) -> str | None:
     """The format of an image that this Pillow was built without; None if that is not what is wrong."""
+    from PIL import Image, features
+
     file.seek(0)
     beginning = file.read(12)
-    is_kind = {"WEBP": beginning[:4] + beginning[8:] == b"RIFFWEBP", "AVIF": beginning[4:11] == b"ftypavi"}
-    return next((kind for kind, found in is_kind.items() if found and kind not in formats), None)
+    found = {"WEBP": beginning[:4] + beginning[8:] == b"RIFFWEBP", "AVIF": beginning[4:11] == b"ftypavi"}
+    kind = next((kind for kind in found if found[kind]), None)
+    # Pillow before 11.3 has no AVIF.
+    return kind if kind is not None and not (kind in Image.OPEN and features.check(kind.lower())) else None
 
 
 def _is_lossy_webp(file: IO[bytes]) -> bool:

@@ -19,7 +19,7 @@ from torchlinf.scoring.atomic_write import replace_file
 from torchlinf.scoring.options import ScoreOptions
 from torchlinf.scoring.rows import Score
 from torchlinf.scoring.score import blank_row, score_groups
-from torchlinf.scoring.sources import Source, find_files, is_archive, open_file
+from torchlinf.scoring.sources import AnyPath, Source, find_files, is_archive, open_file
 from torchlinf.scoring.tables import write_table
 
 FILES = 1000  # single files in a shard
@@ -73,12 +73,12 @@ class Part:
 
 
 def find_shards(
-    paths: Iterable[str | os.PathLike[str]], *, files: int = FILES, passed_over: Counter[str] | None = None
+    paths: AnyPath | Iterable[AnyPath], *, files: int = FILES, passed_over: Counter[str] | None = None
 ) -> list[Shard]:
     """Find what there is to score, in pieces for workers. No file is opened.
 
     Args:
-        paths: files, folders and patterns, as in `find_masks`.
+        paths: one path, or several: files, folders and patterns, as in `find_masks`.
         files: how many single files make a shard. A tar archive or a .json file is one shard, whatever it holds.
         passed_over: takes the count of what folders hold beside masks, as in `find_masks`.
 
@@ -86,7 +86,8 @@ def find_shards(
         Shards, each once.
 
     Raises:
-        ValueError: `files` is less than 1.
+        TypeError: a path is neither text nor a path.
+        ValueError: `files` is less than 1, or a path is empty text.
     """
     if files < 1:
         raise ValueError(f"files must be 1 or more; got {files}. Pass for example {FILES}.")

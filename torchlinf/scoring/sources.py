@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from glob import has_magic, iglob
 from pathlib import Path
+from typing import TypeAlias
 
 from torchlinf.scoring.archives import tar_masks
 from torchlinf.scoring.byte_ranges import ByteRange, PackedRange
@@ -18,6 +19,8 @@ from torchlinf.scoring.labelme import Drawing, is_labelme, labelme_masks
 from torchlinf.scoring.names import SUFFIXES, TAR_SUFFIXES, suffix_of
 from torchlinf.scoring.readers import arrays_in
 from torchlinf.scoring.values import UnreadableMaskError
+
+AnyPath: TypeAlias = str | os.PathLike[str]
 
 
 @dataclass(frozen=True)
@@ -49,14 +52,14 @@ class Source:
 
 
 def find_masks(
-    paths: Iterable[str | os.PathLike[str]], *, members: str | None = None, passed_over: Counter[str] | None = None
+    paths: AnyPath | Iterable[AnyPath], *, members: str | None = None, passed_over: Counter[str] | None = None
 ) -> list[Source]:
     """Find the masks that paths stand for.
 
     Args:
-        paths: files, taken whatever their name; folders, searched through for files of a known suffix; and patterns
-            such as `masks/**/*.png`, where no file has that very name. Hidden files and folders are left out, links are
-            followed, and a folder that is reached twice is read once.
+        paths: one path, or several: files, taken whatever their name; folders, searched through for files of a known
+            suffix; and patterns such as `masks/**/*.png`, where no file has that very name. Hidden files and folders
+            are left out, links are followed, and a folder that is reached twice is read once.
         members: which members of tar archives are masks, as a pattern such as `*.mask.png`; None takes all with a
             suffix of a mask.
         passed_over: takes the count of what folders hold beside masks, by suffix: ".txt", "hidden", "without a suffix".
@@ -67,6 +70,8 @@ def find_masks(
         cannot be read as a source with an error.
 
     Raises:
+        TypeError: a path is neither text nor a path.
+        ValueError: a path is empty text.
         ImportError: there are COCO files, and pycocotools is not installed.
     """
     files = find_files(paths, passed_over=passed_over)
@@ -74,10 +79,10 @@ def find_masks(
     return list({source.name: source for source in sources}.values())
 
 
-def find_files(paths: Iterable[str | os.PathLike[str]], *, passed_over: Counter[str] | None = None) -> Iterator[Source]:
+def find_files(paths: AnyPath | Iterable[AnyPath], *, passed_over: Counter[str] | None = None) -> Iterator[Source]:
     """Find the files that paths stand for, without looking into them: archives stay whole."""
-    for path in paths:
-        yield from _files(Path(path), Counter() if passed_over is None else passed_over)
+    for path in _as_paths(paths):
+        yield from _files(path, Counter() if passed_over is None else passed_over)
 
 
 def open_file(file: Source, members: str | None = None) -> Iterator[Source]:
@@ -123,6 +128,16 @@ def _described(path: Path) -> Iterator[Source]:
     else:
         for one in coco_masks(path, content):
             yield Source(path, one.name, one.error, one.outline, one.category, one.image)
+
+
+def _as_paths(paths: AnyPath | Iterable[AnyPath]) -> Iterator[Path]:
+    """One path or several; a text is one path, not a list of letters."""
+    for path in [paths] if isinstance(paths, str | os.PathLike) else paths:
+        if not isinstance(path, str | os.PathLike):
+            raise TypeError(f"paths must be a path or several; got {path!r}. Pass for example 'masks/'.")
+        if path == "":  # Path would make the current folder of it
+            raise ValueError("paths must not be empty; got ''. Pass '.' for the current folder.")
+        yield Path(path)
 
 
 def _files(path: Path, passed_over: Counter[str]) -> Iterable[Source]:
