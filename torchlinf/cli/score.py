@@ -84,7 +84,8 @@ def score(
 
         if as_json or overwrite or retry:
             raise typer.BadParameter("it always goes on in its folder, of Parquet files", param_hint="--ray")
-        score_on_ray(paths, out, ray, workers or _cores(), options, _progress)
+        with endings(None):
+            score_on_ray(paths, out, ray, workers or _cores(), options, _progress)
         return
     check_out(out, as_json, overwrite, retry)
     failed = 0
