@@ -60,7 +60,7 @@ class TableFormat:
         return "\t" if self.kind == TSV else ","
 
 
-def table_format(path: Path, as_json: bool = False) -> TableFormat:
+def table_format(path: Path, *, as_json: bool = False) -> TableFormat:
     """The format that the name of a file asks for: CSV if it has no suffix.
 
     Args:
@@ -113,7 +113,7 @@ def write_lines(path: Path, rows: Iterable[Iterable[Any]]) -> None:
 
     def write(temporary: Path) -> None:
         with writing(temporary, form.compressed) as file:
-            file.writelines(csv_line(cells, form.delimiter) for cells in rows)
+            file.writelines(csv_line(cells, delimiter=form.delimiter) for cells in rows)
 
     replace_file(path, write)
 

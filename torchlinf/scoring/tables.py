@@ -113,7 +113,7 @@ def open_table(
         with path.open("w", encoding="utf-8", newline="") as file, _stream(file, as_json, measure) as write:
             yield Writer(write)
         return
-    if table_format(path, as_json).kind == PARQUET:
+    if table_format(path, as_json=as_json).kind == PARQUET:
         parquet.require_pyarrow()
     names = columns(measure.named_windows())
     with Journal(path.with_name(path.name + JOURNAL)) as journal:
@@ -157,7 +157,7 @@ def write_table(
         ImportError: pyarrow, which Parquet needs, is not installed.
     """
     path = Path(path)
-    form = table_format(path, as_json)
+    form = table_format(path, as_json=as_json)
 
     def write(temporary: Path) -> None:
         if form.kind == PARQUET:
@@ -269,8 +269,8 @@ def _lines(rows: Iterable[Score], columns: Sequence[str], form: TableFormat) -> 
     if form.kind == JSON_LINES:
         yield from map(json_line, rows)
         return
-    yield csv_line(columns, form.delimiter)
-    yield from (csv_line(row.cells().values(), form.delimiter) for row in rows)
+    yield csv_line(columns, delimiter=form.delimiter)
+    yield from (csv_line(row.cells().values(), delimiter=form.delimiter) for row in rows)
 
 
 @contextmanager
