@@ -1,6 +1,7 @@
 """The tables that a command reads and writes: what is refused, before the work if it can be, and in which words."""
 
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -34,7 +35,8 @@ STATUS = (
 def endings(out: Path | None) -> Iterator[None]:
     """What ends a run, as a message and an exit status."""
     try:
-        yield
+        with _interrupts():
+            yield
     except KeyboardInterrupt:
         if not is_standard_output(out):
             say("Stopped; the same command goes on where this one was.")
@@ -55,6 +57,31 @@ def endings(out: Path | None) -> Iterator[None]:
         begun = not is_standard_output(out) and any(Path(f"{out}{end}").is_file() for end in ("", JOURNAL))
         advice = " What is scored is kept, and the same command goes on from there." if begun else ""
         fail(f"The table cannot be written ({error.strerror or error}).{advice}")
+
+
+@contextmanager
+def _interrupts() -> Iterator[None]:
+    """Ctrl-C raises KeyboardInterrupt within this context, and nothing else, if it ends the process without it."""
+    import torch  # noqa: F401 - loaded before Ctrl-C is an exception, which torch does not stand while it is loaded
+
+    ends = signal.getsignal(signal.SIGINT) is signal.SIG_DFL
+    try:
+        if ends:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        yield
+    except typer.Exit:
+        raise
+    except Exception as error:
+        cause: BaseException | None = error
+        while cause is not None and not isinstance(cause, KeyboardInterrupt):
+            cause = cause.__cause__ or cause.__context__
+        if cause is None:
+            raise
+        # Compiled code, in which Ctrl-C came, has made another exception of it.
+        raise KeyboardInterrupt from error
+    finally:
+        if ends:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def say(message: str) -> None:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from torchlinf.cli.options import MaxPixels
-from torchlinf.cli.outputs import fail, folder_problem, load_table, say
+from torchlinf.cli.outputs import endings, fail, folder_problem, load_table, say
 from torchlinf.scoring import MAX_PIXELS
 
 EPILOG = (
@@ -42,11 +42,13 @@ def report(
     The page opens in a browser without a server, and loads nothing from the network.
     """
     check_page(out, "--out")
-    rows = [row.cells() for row in load_table(table)]
-    if not rows:
-        fail(f"{table} is without a row: there is nothing to show.")
-    title = f"Complexity of shapes: {table.name}" if title is None else title
-    write_page(rows, out, title, folder if pictures else None, limit=limit, profiles=profiles, max_pixels=max_pixels)
+    with endings(None):
+        rows = [row.cells() for row in load_table(table)]
+        if not rows:
+            fail(f"{table} is without a row: there is nothing to show.")
+        title = f"Complexity of shapes: {table.name}" if title is None else title
+        masks = folder if pictures else None
+        write_page(rows, out, title, masks, limit=limit, profiles=profiles, max_pixels=max_pixels)
 
 
 def check_page(out: Path, option: str) -> None:

@@ -108,7 +108,8 @@ def score(
                 "it always goes on in its folder, of Parquet files; torchlinf report makes a page of it",
                 param_hint="--ray",
             )
-        score_on_ray(paths, out, ray, workers or _cores(), options, _progress)
+        with endings(None):
+            score_on_ray(paths, out, ray, workers or _cores(), options, _progress)
         return
     check_out(out, as_json, overwrite, retry)
     failed, shown = 0, []
@@ -133,10 +134,11 @@ def score(
                         shown += [row.cells() for row in rows]
                     failed += any(row.error is not None for row in rows)
                     advance()
-    if report is not None:
-        cells = shown if out is None or is_standard_output(out) else [row.cells() for row in load_table(out)]
-        title = "Complexity of shapes" if out is None else f"Complexity of shapes: {out.name}"
-        write_page(cells, report, title, Path(), max_pixels=max_pixels)
+    if report is not None and (shown or not is_standard_output(out)):
+        with endings(None):
+            cells = shown if out is None or is_standard_output(out) else [row.cells() for row in load_table(out)]
+            title = "Complexity of shapes" if out is None else f"Complexity of shapes: {out.name}"
+            write_page(cells, report, title, Path(), max_pixels=max_pixels)
     end_if_failed(failed, len(sources), "" if out is None or retry else " --retry scores them again.")
 
 

@@ -35,8 +35,8 @@ from .shards import find_shards as find_shards
 from .sources import Source as Source
 from .sources import find_masks as find_masks
 from .summary import print_table as print_table
+from .table_files import STANDARD_OUTPUT as STANDARD_OUTPUT
 from .table_files import table_format as table_format
-from .tables import STANDARD_OUTPUT as STANDARD_OUTPUT
 from .tables import open_table as open_table
 from .tables import read_table as read_table
 from .tables import write_table as write_table

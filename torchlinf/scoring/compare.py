@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from torchlinf.scoring.rows import KINDS, WINDOWS, Score, columns
 from torchlinf.scoring.summary import common_folder
-from torchlinf.scoring.tables import write_lines
+from torchlinf.scoring.table_files import write_lines
 
 Join = Literal["path", "folder", "name", "stem"]
 COMPARED = "compared"

@@ -157,7 +157,7 @@ def _read_image(file: IO[bytes], suffix: str, max_pixels: int) -> Values:
             raise UnreadableMaskError("not a TIFF image, or a damaged one") from error
         if (kind := _missing_decoder(file)) is not None:
             raise UnreadableMaskError(
-                f"Pillow {version("pillow")} is installed without {kind}. Run: pip install --upgrade pillow"
+                f"Pillow {version('pillow')} is installed without {kind}. Run: pip install --upgrade pillow"
             ) from error
         known = ", ".join(suffix[1:] for suffix in SUFFIXES)
         raise UnreadableMaskError(f"not an image in a known format ({known})") from error

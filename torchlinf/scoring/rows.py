@@ -166,7 +166,7 @@ def _windows_in(settings: str | None) -> tuple[str, ...]:
     return ("complexity",) if windows is None else tuple(windows) if isinstance(windows, dict) else ()
 
 
-def csv_line(cells: Iterable[Any], delimiter: str = ",") -> str:
+def csv_line(cells: Iterable[Any], *, delimiter: str = ",") -> str:
     r"""Cells as a line of CSV: an empty cell for None, numbers in full precision, texts safe in a spreadsheet.
 
     >>> csv_line(["a,b.png", 3, None, -0.1, "-a"])

@@ -4,7 +4,9 @@ import csv
 import gzip
 import io
 import json
+import os
 import re
+import sys
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -12,10 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO, cast
 
+from torchlinf._helpers.terminal import encodable, printable
 from torchlinf.scoring import parquet
+from torchlinf.scoring.atomic_write import replace_file
 from torchlinf.scoring.cells import unguarded
 from torchlinf.scoring.journal import JOURNAL, rows_of_line
-from torchlinf.scoring.rows import NoTableError
+from torchlinf.scoring.rows import NoTableError, csv_line
 
 CSV, TSV, JSON_LINES, PARQUET = "csv", "tsv", "jsonl", "parquet"
 KIND_OF_SUFFIX = {
@@ -24,6 +28,7 @@ KIND_OF_SUFFIX = {
 }  # fmt: skip
 IN_FOLDERS = (".csv", ".tsv", ".jsonl", ".ndjson", ".parquet", ".csv.gz", ".tsv.gz", ".jsonl.gz", ".ndjson.gz")
 DELIMITERS = ",;\t"
+STANDARD_OUTPUT = "-"  # as a name of a file
 
 GZIP = b"\x1f\x8b"
 OTHER_PROGRAMS = {  # what files of spreadsheets begin with
@@ -55,7 +60,7 @@ class TableFormat:
         return "\t" if self.kind == TSV else ","
 
 
-def table_format(path: Path, as_json: bool = False) -> TableFormat:
+def table_format(path: Path, *, as_json: bool = False) -> TableFormat:
     """The format that the name of a file asks for: CSV if it has no suffix.
 
     Args:
@@ -89,6 +94,44 @@ def writing(path: Path, compressed: bool) -> Iterator[TextIO]:
         binary = gzip.GzipFile("", "wb", fileobj=raw, mtime=0) if compressed else raw
         with io.TextIOWrapper(cast(io.BufferedWriter, binary), encoding="utf-8", newline="") as text:
             yield text
+
+
+def write_lines(path: Path, rows: Iterable[Iterable[Any]]) -> None:
+    """Write any cells as CSV, as a table of scores is written; to "-", a pipe or a device as they come.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    if os.fspath(path) == STANDARD_OUTPUT:
+        _send_lines(sys.stdout, rows)
+        return
+    if path.exists() and not path.is_file():
+        with path.open("w", encoding="utf-8", newline="") as stream:
+            _send_lines(stream, rows)
+        return
+    form = table_format(path)
+
+    def write(temporary: Path) -> None:
+        with writing(temporary, form.compressed) as file:
+            file.writelines(csv_line(cells, delimiter=form.delimiter) for cells in rows)
+
+    replace_file(path, write)
+
+
+def _send_lines(file: TextIO, rows: Iterable[Iterable[Any]]) -> None:
+    for cells in rows:
+        send_text(file, csv_line(shown_cells(cells) if file.isatty() else cells))
+
+
+def shown_cells(cells: Iterable[Any]) -> list[Any]:
+    """Cells for a terminal, which no text steers."""
+    return [printable(cell) if isinstance(cell, str) else cell for cell in cells]
+
+
+def send_text(file: TextIO, text: str) -> None:
+    """Send text on at once; what the encoding of the stream does not have goes as an escape."""
+    file.write(encodable(text, file.encoding))
+    file.flush()  # a reader may wait for it
 
 
 def is_table(path: Path) -> bool:

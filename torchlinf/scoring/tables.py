@@ -11,7 +11,6 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, TextIO, Unpack
 
-from torchlinf._helpers.terminal import encodable, printable
 from torchlinf.measure import Measure, MeasureOptions, takes
 from torchlinf.scoring import parquet
 from torchlinf.scoring.atomic_write import replace_file
@@ -22,15 +21,16 @@ from torchlinf.scoring.summary import print_table
 from torchlinf.scoring.table_files import (
     JSON_LINES,
     PARQUET,
+    STANDARD_OUTPUT,
     TableFormat,
     is_table,
     read_cells,
+    send_text,
+    shown_cells,
     table_format,
     without_index,
     writing,
 )
-
-STANDARD_OUTPUT = "-"  # as a name of a file
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def open_table(
         with path.open("w", encoding="utf-8", newline="") as file, _stream(file, as_json, measure) as write:
             yield Writer(write)
         return
-    if table_format(path, as_json).kind == PARQUET:
+    if table_format(path, as_json=as_json).kind == PARQUET:
         parquet.require_pyarrow()
     names = columns(measure.named_windows())
     with Journal(path.with_name(path.name + JOURNAL)) as journal:
@@ -157,7 +157,7 @@ def write_table(
         ImportError: pyarrow, which Parquet needs, is not installed.
     """
     path = Path(path)
-    form = table_format(path, as_json)
+    form = table_format(path, as_json=as_json)
 
     def write(temporary: Path) -> None:
         if form.kind == PARQUET:
@@ -168,33 +168,6 @@ def write_table(
             file.writelines(_lines(rows, columns, form))
 
     replace_file(path, write)
-
-
-def write_lines(path: Path, rows: Iterable[Iterable[Any]]) -> None:
-    """Write any cells as CSV, as `write_table` does; to "-", a pipe or a device as they come.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    if os.fspath(path) == STANDARD_OUTPUT:
-        _send_lines(sys.stdout, rows)
-        return
-    if path.exists() and not path.is_file():
-        with path.open("w", encoding="utf-8", newline="") as stream:
-            _send_lines(stream, rows)
-        return
-    form = table_format(path)
-
-    def write(temporary: Path) -> None:
-        with writing(temporary, form.compressed) as file:
-            file.writelines(csv_line(cells, form.delimiter) for cells in rows)
-
-    replace_file(path, write)
-
-
-def _send_lines(file: TextIO, rows: Iterable[Iterable[Any]]) -> None:
-    for cells in rows:
-        _send(file, csv_line(_shown(cells) if file.isatty() else cells))
 
 
 def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
@@ -296,8 +269,8 @@ def _lines(rows: Iterable[Score], columns: Sequence[str], form: TableFormat) -> 
     if form.kind == JSON_LINES:
         yield from map(json_line, rows)
         return
-    yield csv_line(columns, form.delimiter)
-    yield from (csv_line(row.cells().values(), form.delimiter) for row in rows)
+    yield csv_line(columns, delimiter=form.delimiter)
+    yield from (csv_line(row.cells().values(), delimiter=form.delimiter) for row in rows)
 
 
 @contextmanager
@@ -320,23 +293,12 @@ def _stream(file: TextIO, as_json: bool, measure: Measure, drawn: bool = False) 
         return
 
     def line(cells: Iterable[Any]) -> str:
-        return csv_line(_shown(cells) if is_terminal else cells)
+        return csv_line(shown_cells(cells) if is_terminal else cells)
 
     def send(*rows: Score, instead_of: Sequence[str] = ()) -> None:
         """Send rows on; what has been sent before stays."""
-        _send(file, "".join(json_line(row) if as_json else line(row.cells().values()) for row in rows))
+        send_text(file, "".join(json_line(row) if as_json else line(row.cells().values()) for row in rows))
 
     if not as_json:
-        _send(file, line(columns(measure.named_windows())))
+        send_text(file, line(columns(measure.named_windows())))
     yield send
-
-
-def _shown(cells: Iterable[Any]) -> list[Any]:
-    """Cells for a terminal, which no text steers."""
-    return [printable(cell) if isinstance(cell, str) else cell for cell in cells]
-
-
-def _send(file: TextIO, text: str) -> None:
-    """Send text on at once; what the encoding of the stream does not have goes as an escape."""
-    file.write(encodable(text, file.encoding))
-    file.flush()  # a reader may wait for it
