@@ -1,4 +1,9 @@
-"""Threads over shapes: kernels release the GIL, and a pool lives only as long as one call, so forks are safe."""
+"""Threads over shapes: kernels release the GIL, and a pool lives only as long as one call, so forks are safe.
+
+Torch's own threads, those of OpenMP, are not: a child that is forked after they have started waits for them without end
+at the first operation on more than some 30,000 numbers. So on the CPU what leads from a mask to its complexity is done
+by the kernels and by NumPy.
+"""
 
 import threading
 from collections.abc import Callable, Iterator
