@@ -64,8 +64,12 @@ def as_mask(mask: Tensor, spatial_ndim: int | None = None, name: str = "mask") -
     return inside.reshape(rows), batch_shape
 
 
-def plain(x: Tensor, name: str) -> None:
+def plain(x: Any, name: str) -> None:
     """Raise for a tensor without data, as inside the transforms of torch.func, which solves cannot see through."""
+    import torch
+
+    if not isinstance(x, torch.Tensor):
+        return
     try:
         x.data_ptr()
     except RuntimeError:

@@ -10,7 +10,7 @@ import math
 import torch
 from torch import Tensor
 
-from torchlinf._helpers.checks import as_mask, count, positive, positive_tensor
+from torchlinf._helpers.checks import as_mask, count, plain, positive, positive_tensor
 from torchlinf.field.adjoint import attach_gradient
 from torchlinf.field.erosions import soft_distance_of
 from torchlinf.field.solution import FieldSolution, Status
@@ -107,6 +107,7 @@ def soft_linf_field(
         >>> soft_linf_field(torch.ones(1, 1, 3, 4))[0, 0, 1]
         tensor([0.6923, 1.0000, 1.0000, 0.6923])
     """
+    plain(rho, "rho")
     shapes, batch_shape = as_probability(probability, spatial_ndim)
     number, tol = count(slices, "slices"), positive(tol, "tol")
     parts = []
