@@ -344,6 +344,7 @@ def test_complexity_by_groups_of_shapes(slices: int, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # torch.compile warns of its own doing where a graph breaks
 @pytest.mark.parametrize("function", [soft_chessboard_distance, soft_linf_field, soft_complexity])
 def test_compiled_on_inputs_of_any_strides(function: Callable[..., Tensor]) -> None:
     """With graph breaks: how often the mask is eroded depends on its values."""
