@@ -122,6 +122,10 @@ def test_a_table_of_labels_is_that_of_the_objects_in_cubes() -> None:
         complexity_table(labels, voxel=1.0)
     with pytest.raises(ValueError, match="one number for each of the 2 axes"):
         complexity_table(labels, spacing=(1.0, 1.0, 1.0))
+    volume = np.stack([labels, labels])
+    deep = complexity_table(volume, spacing=(20.0, 3.0, 1.0), spatial_ndim=3)
+    assert deep["radius"].tolist() == [8, 9]  # two slices make forty cubes
+    assert deep["complexity"][0] == 0.0
     thin = np.zeros((9, 9), dtype=int)
     thin[0, 0] = thin[8, 8] = thin[0, 8] = thin[8, 0] = 1
     with pytest.raises(ValueError, match=r"nothing is left of label 1\. Pass a smaller voxel"):

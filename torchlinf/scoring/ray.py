@@ -61,8 +61,8 @@ class ScoreMasks:
             None takes that of NIfTI and no other. A mask of oblong pixels is brought to cubes before it is measured:
             see `torchlinf.equal_spacing`.
         voxel: size of the cubes, in the same unit; None takes the finest of the spacing.
-        spatial_ndim: dimensions of an array, 2 or 3, but for leading axes of length 1. Images with colours, (H, W, 3),
-            are so told from volumes.
+        spatial_ndim: dimensions of an array, 2 or 3, but for axes of length 1 before and behind them. Images with
+            colours, (H, W, 3), are so told from volumes.
         {measure options}
 
     Returns:
