@@ -108,7 +108,7 @@ def score(
                     put(*rows, instead_of=sorted(replaced - {row.path for row in rows}))
                     failed += any(row.error is not None for row in rows)
                     advance()
-    end_if_failed(failed, len(sources), "" if out is None or retry else " --retry scores them again.")
+    end_if_failed(failed, len(sources), "" if is_standard_output(out) or retry else " --retry scores them again.")
 
 
 def _by_source(paths: Iterable[str], names: Collection[str]) -> dict[str, list[str]]:
