@@ -10,9 +10,12 @@ import json
 import os
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pyarrow.parquet
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from torchlinf import Measure
@@ -287,6 +290,18 @@ def test_no_cell_is_a_formula(suffix: str, tmp_path: Path) -> None:
     assert list(read_table(path)) == rows
 
 
+TEXT = st.text(st.characters(exclude_categories=["Cs"]), min_size=1)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "tsv.gz", "jsonl"])
+@given(paths=st.lists(TEXT | TEXT.map("'=".__add__), min_size=1, max_size=4), words=TEXT)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_every_text_comes_back(suffix: str, paths: list[str], words: str, tmp_path: Path) -> None:
+    rows = [row(path, 0.5, inside=words, image=path, category=words[::-1]) for path in paths]
+    write_table(tmp_path / f"scores.{suffix}", rows, columns=COLUMNS)
+    assert list(read_table(tmp_path / f"scores.{suffix}")) == rows
+
+
 def test_formulas_in_pairs_and_titles(tmp_path: Path) -> None:
     write_pairs(tmp_path / "changes.csv", [Pair("=a", "compared", -1.0, -3.5), Pair("b", "only in old", 1.0, None)])
     with (tmp_path / "changes.csv").open(newline="") as file:
@@ -321,3 +336,29 @@ def test_a_journal_line_holds_all_rows_of_a_source(tmp_path: Path) -> None:
         assert [len(json.loads(line).get("rows", [0])) for line in lines] == [1, 3]
         assert list(read_table(tmp_path / f"scores.csv{JOURNAL}")) == ROWS[:4]
     assert list(read_table(path)) == ROWS[:4]
+
+
+def test_a_dash_is_standard_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.save("a.npy", np.tri(9, 13))
+
+    def numbers(*options: str) -> list[list[str]]:
+        result = run(app, ["score", "a.npy", *options])
+        assert (result.exit_code, result.stderr) == (0, "")
+        rows = list(csv.reader(io.StringIO(result.stdout)))
+        return [[cell for cell, name in zip(cells, COLUMNS, strict=True) if name != "seconds"] for cells in rows]
+
+    assert numbers("--out", "-") == numbers()
+    result = run(app, ["score", "a.npy", "gone.npy", "--out", "-", "--json"])
+    assert [json.loads(line)["path"] for line in result.stdout.splitlines()] == ["a.npy", "gone.npy"]
+    assert result.stderr == "1 of 2 masks failed; the column 'error' says why.\n"
+    for options in (["--out", "-", "--overwrite"], ["--out", "-", "--retry"], ["--out", "-", "--ray", "local"]):
+        assert run(app, ["score", "a.npy", *options]).exit_code == 2
+    assert os.listdir(tmp_path) == ["a.npy"]
+
+
+@pytest.mark.parametrize("name", ["scores.tsv", "scores.csv.gz", "scores.parquet", "scores.txt"])
+def test_json_lines_are_not_written_under_another_name(name: str, tmp_path: Path) -> None:
+    result = run(app, ["score", "a.npy", "--json", "--out", str(tmp_path / name)])
+    assert result.exit_code == 2
+    assert "leave --json out" in " ".join(result.stderr.replace("│", " ").split())

@@ -139,7 +139,7 @@ def score(
             cells = shown if out is None or is_standard_output(out) else [row.cells() for row in load_table(out)]
             title = "Complexity of shapes" if out is None else f"Complexity of shapes: {out.name}"
             write_page(cells, report, title, Path(), max_pixels=max_pixels)
-    end_if_failed(failed, len(sources), "" if out is None or retry else " --retry scores them again.")
+    end_if_failed(failed, len(sources), "" if is_standard_output(out) or retry else " --retry scores them again.")
 
 
 def _by_source(paths: Iterable[str], names: Collection[str]) -> dict[str, list[str]]:

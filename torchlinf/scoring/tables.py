@@ -69,9 +69,9 @@ def open_table(
 ) -> Iterator[Writer]:
     """Open what takes the rows: a file, standard output, or a terminal, which gets the table when all rows are there.
 
-    Rows go into a journal beside the file at once, named as the file with ".part" behind, each as a JSON object on a
-    line. At the end of the context the file is made of the journal, in one piece, and the journal is removed. If the
-    context ends by an exception, or the program is killed, the journal stays and a later call resumes from it.
+    Rows go into a journal beside the file at once, named as the file with ".part" behind, as JSON, the rows of a source
+    on one line. At the end of the context the file is made of the journal, in one piece, and the journal is removed. If
+    the context ends by an exception, or the program is killed, the journal stays and a later call resumes from it.
 
     Args:
         path: the file: CSV (.csv, or no suffix), .tsv, JSON lines (.jsonl), each also with .gz behind, or Parquet
