@@ -95,6 +95,8 @@ def test_what_is_wrong_says_so() -> None:
     ):
         with pytest.raises(error, match=words):
             equal_spacing(mask, spacing)
+    with pytest.raises(TypeError, match="mask must be a tensor or an array; got list"):
+        equal_spacing([[1, 0]], (1.0, 2.0))
     with pytest.raises(ValueError, match="voxel must be finite and above 0"):
         equal_spacing(mask, (1.0, 2.0), voxel=-1.0)
 

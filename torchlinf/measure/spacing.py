@@ -24,8 +24,8 @@ def equal_spacing(
     """Bring a mask of oblong pixels to squares or cubes, by the nearest pixel.
 
     Every axis is scaled on its own, so a box stays a box, and its complexity stays exactly 0. With the finest size
-    nothing is lost: every pixel becomes a block of one or more cubes, and what touches goes on to touch. The measure of
-    the result no longer depends on how thick the slices are, apart from the steps that they leave.
+    nothing is lost: every pixel becomes a block of one or more cubes, and what touches goes on to touch. The steps
+    that thick slices leave stay as they are.
 
     Args:
         mask: (..., H, W) or (..., D, H, W), or any other number of dimensions; a tensor or an array, of any dtype:
@@ -41,7 +41,7 @@ def equal_spacing(
         already. An axis of n pixels of size s has round(n s / v) cubes, at least one, that lie centred on it.
 
     Raises:
-        TypeError: `spacing` is not a sequence of numbers.
+        TypeError: `mask` is neither a tensor nor an array, or `spacing` is not a sequence of numbers.
         ValueError: a size is not above 0, there are more sizes than axes, or there would be too many cubes.
 
     Source: the resampling by nearest neighbours that is usual for label images; the measure needs it because the
@@ -54,6 +54,8 @@ def equal_spacing(
         >>> equal_spacing(mask, (3.0, 1.0), voxel=1.5).shape
         (4, 4)
     """
+    if not isinstance(mask, Tensor | np.ndarray):
+        raise TypeError(f"mask must be a tensor or an array; got {type(mask).__name__}. Pass np.asarray(mask).")
     sizes = checked_spacing(spacing)
     if len(sizes) > mask.ndim:
         raise ValueError(
