@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf._helpers.boxes import bounding_box
 from torchlinf._helpers.checks import count, flag, number_or_none, positive
 from torchlinf._helpers.inside import NONZERO, UnclearMaskError, above, distinct, find_inside, listed, text
 from torchlinf.scoring.coco import Outline, Segment, draw
@@ -268,6 +267,7 @@ def in_cubes(found: Found, reading: Reading) -> NDArray[np.bool_]:
     Raises:
         UnreadableMaskError: there would be too many cubes, or none is inside.
     """
+    from torchlinf._helpers.boxes import bounding_box
     from torchlinf.measure import cube_size, equal_spacing
 
     inside = found.inside
