@@ -104,11 +104,8 @@ def plain_shapes(number: int, report: bool) -> None:
         for name, way in ({"not turned": as_it_is} | WAYS).items():
             found = np.array([bits(_turn(way, s.mask, a)) for s, a in zip(shapes, angles, strict=True)])
             off = np.abs(found - true).mean(axis=0)
-            most = found[:, 2]
-            print(
-                f"| {name} | {most.mean():.3f} | {most.max():.2f} | {(most <= 0.1).mean():.1%} | {off[0]:.3f} | {off[1]:.3f} |",
-                flush=True,
-            )
+            most, simple = found[:, 2], float((found[:, 2] <= 0.1).mean())
+            print(f"| {name} | {most.mean():.3f} | {most.max():.2f} | {simple:.1%} | {off[0]:.3f} | {off[1]:.3f} |")
 
 
 def bubenec() -> None:
