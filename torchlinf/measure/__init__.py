@@ -1,5 +1,6 @@
 """The measure: how complex a shape is at every scale, and the options that say how it is measured."""
 
+from torchlinf.measure.frames import Rectangle, own_angle, smallest_rectangle, turned
 from torchlinf.measure.levels import Levels, level_values
 from torchlinf.measure.options import LevelOptions, Measure, MeasureOptions, SoftOptions, WindowOptions, takes
 from torchlinf.measure.pixel_map import complexity_map
@@ -22,6 +23,7 @@ __all__ = [
     "Levels",
     "Measure",
     "MeasureOptions",
+    "Rectangle",
     "SoftOptions",
     "WindowOptions",
     "checked_spacing",
@@ -31,11 +33,14 @@ __all__ = [
     "cube_size",
     "equal_spacing",
     "level_values",
+    "own_angle",
     "profile_of_field",
     "profile_of_levels",
     "ragged_profile",
+    "smallest_rectangle",
     "soft_complexity",
     "spacing_of_words",
     "spacing_words",
     "takes",
+    "turned",
 ]
