@@ -1,7 +1,16 @@
 """The measure: how complex a shape is at every scale, and the options that say how it is measured."""
 
 from torchlinf.measure.levels import Levels, level_values
-from torchlinf.measure.options import LevelOptions, Measure, MeasureOptions, SoftOptions, WindowOptions, takes
+from torchlinf.measure.options import (
+    FrameOptions,
+    LevelOptions,
+    Measure,
+    MeasureOptions,
+    ObjectOptions,
+    SoftOptions,
+    WindowOptions,
+    takes,
+)
 from torchlinf.measure.pixel_map import complexity_map
 from torchlinf.measure.profile import (
     ComplexityProfile,
@@ -15,10 +24,12 @@ from torchlinf.measure.soft import soft_complexity
 
 __all__ = [
     "ComplexityProfile",
+    "FrameOptions",
     "LevelOptions",
     "Levels",
     "Measure",
     "MeasureOptions",
+    "ObjectOptions",
     "SoftOptions",
     "WindowOptions",
     "complexity",
