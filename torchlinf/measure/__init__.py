@@ -1,5 +1,6 @@
 """The measure: how complex a shape is at every scale, and the options that say how it is measured."""
 
+from torchlinf.measure.frames import Rectangle, own_angle, smallest_rectangle, turned
 from torchlinf.measure.levels import Levels, level_values
 from torchlinf.measure.options import (
     FrameOptions,
@@ -30,15 +31,19 @@ __all__ = [
     "Measure",
     "MeasureOptions",
     "ObjectOptions",
+    "Rectangle",
     "SoftOptions",
     "WindowOptions",
     "complexity",
     "complexity_map",
     "complexity_profile",
     "level_values",
+    "own_angle",
     "profile_of_field",
     "profile_of_levels",
     "ragged_profile",
+    "smallest_rectangle",
     "soft_complexity",
     "takes",
+    "turned",
 ]
