@@ -285,10 +285,9 @@ def pooled(parts: Parts, lead: tuple[int, ...], measure: Measure) -> ComplexityP
     """The profile that is the mean of parts, of the leading shape `lead`."""
     count, each = prod(lead), parts.profile
     none = each.level_values.new_zeros(0)
-    by_scale = [parts.pooled(values, count) for values in each.values.T]
     return ComplexityProfile(
         scales=each.scales,
-        values=torch.stack(by_scale, dim=1).reshape(*lead, -1),
+        values=parts.pooled(each.values, count).reshape(*lead, len(each.scales)),
         radius=parts.largest(each.radius, count).reshape(lead),
         field_error_bound=parts.largest(each.field_error_bound, count).reshape(lead),
         level_values=none,

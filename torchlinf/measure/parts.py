@@ -62,19 +62,30 @@ class Parts:
         )
 
     def pooled(self, values: Tensor, masks: int) -> Tensor:
-        """The weighted mean of one number a part, for each mask: (masks,), NaN for a mask without parts.
+        """The weighted mean of the numbers of the parts of each mask.
 
-        It does not depend on the order of the parts. The number of a single part is kept to the last bit. The rotations
-        of an empty mask are NaN, and so is their mean.
+        It does not depend on the order of the parts. The numbers of a single part are kept to the last bit. The
+        rotations of an empty mask are NaN, and so is their mean.
+
+        Args:
+            values: (P, L), any count of numbers a part.
+            masks: how many masks there are.
+
+        Returns:
+            (masks, L); NaN for a mask without parts.
         """
-        empty = self.largest(values.isnan().long(), masks) > 0
-        counts, owner = self.counts(masks), self.owner
-        total = torch.zeros_like(counts).index_add(0, owner, self.weight)
+        length = values.shape[1]
+        counts, column = self.counts(masks), torch.arange(length, device=values.device)
+        total = torch.zeros_like(counts).index_add(0, self.owner, self.weight)
+        terms = values.nan_to_num(nan=0.0) * self.weight.to(values)[:, None]
         # No value exceeds 32, as no level does.
-        mean = segment_sum(values.nan_to_num(nan=0.0) * self.weight.to(values), owner, 32 * total) / total.to(values)
-        alone = (counts == 1)[owner]
-        mean = mean.index_put((owner[alone],), values[alone])
-        return mean.masked_fill((counts == 0) | empty, torch.nan)
+        bound = (32 * total)[:, None].expand(-1, length).flatten()
+        summed = segment_sum(terms.flatten(), (self.owner[:, None] * length + column).flatten(), bound)
+        mean = summed.reshape(masks, length) / total.to(values)[:, None]
+        alone = (counts == 1)[self.owner]
+        mean[self.owner[alone]] = values[alone]
+        empty = torch.zeros_like(counts).index_add(0, self.owner, values.isnan().any(dim=1).long()) > 0
+        return mean.masked_fill(((counts == 0) | empty)[:, None], torch.nan)
 
     def total(self, values: Tensor, masks: int) -> Tensor:
         """The sum of one number a part, for each mask."""

@@ -170,7 +170,7 @@ class ComplexityProfile:
         """
         low, high = window(low, high)
         if self.parts is not None:
-            return self._lead(self.parts.pooled(self.parts.profile.mean(low, high), self.radius.numel()))
+            return self._lead(self._pooled(self.parts.profile.mean(low, high)))
         return self._mean_of(self.level_values, low, high)
 
     def error_bound(self, low: float = 0.0, high: float = 1.0) -> Tensor:
@@ -207,7 +207,7 @@ class ComplexityProfile:
         """
         low, high = window(low, high)
         if self.parts is not None:
-            return self._lead(self.parts.pooled(self.parts.profile.error_bound(low, high), self.radius.numel()))
+            return self._lead(self._pooled(self.parts.profile.error_bound(low, high)))
         return self._mean_of(self.level_error_bound, low, high)
 
     def standard_error(self, low: float = 0.0, high: float = 1.0) -> Tensor:
@@ -248,8 +248,7 @@ class ComplexityProfile:
         parts = self.parts
         if self.measure.per == "mask":
             return parts.profile.mean(low, high).reshape(-1, self.measure.rotations)
-        each = parts.profile._by_rotation(low, high).T
-        return torch.stack([parts.pooled(values, self.radius.numel()) for values in each], dim=1)
+        return parts.pooled(parts.profile._by_rotation(low, high), self.radius.numel())
 
     def _mean_of(self, of_levels: Tensor, low: float, high: float) -> Tensor:
         """Exact mean over the scales in (low, high] of one number a level."""
@@ -282,6 +281,11 @@ class ComplexityProfile:
         rank = torch.where(self.level_values == value[shape], number, number + radius[shape])
         first = radius.scatter_reduce(0, shape, rank, "amin", include_self=False)
         return self._lead(value), self._lead(first / radius.to(value))
+
+    def _pooled(self, values: Tensor) -> Tensor:
+        """One number a mask (N,) of one number a part."""
+        assert self.parts is not None
+        return self.parts.pooled(values[:, None], self.radius.numel())[:, 0]
 
     def _peak_of_parts(self) -> tuple[Tensor, Tensor]:
         value = torch.full(self.radius.shape, torch.nan, dtype=self.values.dtype, device=self.values.device)
