@@ -235,7 +235,7 @@ class ComplexityProfile:
         """
         each = self._by_rotation(*window(low, high))  # (N, rotations)
         count = each.shape[1]
-        spread = each.std(dim=1) if count > 1 else torch.full_like(each[:, 0], torch.nan)
+        spread = each.std(dim=1) if count > 1 and len(each) else torch.full_like(each[:, 0], torch.nan)
         return self._lead(spread / count**0.5)
 
     def _by_rotation(self, low: float, high: float) -> Tensor:
