@@ -350,7 +350,7 @@ def test_a_disc_has_no_frame() -> None:
     """What a turn does to a large digital disc is little."""
     disc = shapes.disc(32)
     for way in ("own", "mean", "least", 20):
-        assert of(disc, orientation=way) == pytest.approx(of(disc), abs=0.35)
+        assert of(disc, orientation=way) == pytest.approx(of(disc), abs=0.5)
 
 
 def test_volumes_are_turned_by_a_matrix() -> None:
