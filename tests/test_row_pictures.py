@@ -180,3 +180,10 @@ def test_segments_of_panoptic_files_are_resumed_with_labels_too(tmp_path: Path) 
     command = ["score", str(tmp_path / "pan.json"), "--labels", "--out", str(tmp_path / "scores.csv")]
     assert run(app, command).exit_code == 0
     assert "2 of 2 masks are in" in run(app, command).stderr
+
+
+def test_rows_of_objects(tmp_path: Path) -> None:
+    Image.fromarray(np.where(MAP > 0, 255, 0).astype(np.uint8)).save(tmp_path / "a.png")
+    rows = list(score_masks(find_masks([tmp_path]), per="object", min_pixels=60))
+    assert [row.path for row in rows] == [f"{tmp_path}/a.png@{i}" for i in (1, 2, 3)]  # the line above has 47 pixels
+    same(found(rows), [MAP == 7, MAP == 90, MAP == 15])

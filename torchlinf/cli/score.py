@@ -82,7 +82,7 @@ def score(
     report: Report = None,
     measure: "Measure",
 ) -> None:
-    """Score masks: one row of numbers a mask.
+    """Score masks: one row of numbers a mask, or an object with --per object.
 
     Without --out the table goes to the terminal, or as CSV into a pipe. A mask that cannot be scored gives a row that
     says why, and the rest go on. With --out the rows are kept in a journal, FILE.part, until all are there: stopped by
@@ -143,12 +143,13 @@ def score(
 
 
 def _by_source(paths: Iterable[str], names: Collection[str]) -> dict[str, list[str]]:
-    """Paths of rows by their source; --stack and --labels add a page and a label to its name, as stack.npy[3]#15."""
+    """Paths of rows by their source, whose name a page, a label and an object follow, as in stack.npy[3]#15@2."""
     sources: dict[str, list[str]] = {}
     for path in paths:
-        shorter = re.sub(r"#\d+$", "", path)
+        shapes = re.sub(r"@\d+$", "", path)
+        shorter = re.sub(r"#\d+$", "", shapes)
         shortest = re.sub(r"\[\d+\]$", "", shorter)
-        name = next((name for name in (path, shorter, shortest) if name in names), shortest)
+        name = next((name for name in (path, shapes, shorter, shortest) if name in names), shortest)
         sources.setdefault(name, []).append(path)
     return sources
 

@@ -2,16 +2,30 @@
 
 from torchlinf.measure.frames import Rectangle, own_angle, smallest_rectangle, turned
 from torchlinf.measure.levels import Levels, level_values
-from torchlinf.measure.options import LevelOptions, Measure, MeasureOptions, SoftOptions, WindowOptions, takes
-from torchlinf.measure.pixel_map import complexity_map
-from torchlinf.measure.profile import (
-    ComplexityProfile,
-    complexity,
-    complexity_profile,
-    profile_of_field,
-    profile_of_levels,
-    ragged_profile,
+from torchlinf.measure.masks import complexity, complexity_profile, ragged_profile
+from torchlinf.measure.objects import (
+    Component,
+    components,
+    in_frame,
+    require_connectivity,
+    require_frame,
+    rotations_of,
 )
+from torchlinf.measure.options import (
+    FrameOptions,
+    GridOptions,
+    LevelOptions,
+    MeanOptions,
+    Measure,
+    MeasureOptions,
+    ObjectOptions,
+    ProfileOptions,
+    SoftOptions,
+    WindowOptions,
+    takes,
+)
+from torchlinf.measure.pixel_map import complexity_map
+from torchlinf.measure.profile import ComplexityProfile, Parts, profile_of_field, profile_of_levels
 from torchlinf.measure.soft import soft_complexity
 from torchlinf.measure.spacing import checked_spacing, cube_size, equal_spacing
 from torchlinf.measure.spacing import of_words as spacing_of_words
@@ -19,10 +33,17 @@ from torchlinf.measure.spacing import words as spacing_words
 
 __all__ = [
     "ComplexityProfile",
+    "Component",
+    "FrameOptions",
+    "GridOptions",
     "LevelOptions",
     "Levels",
+    "MeanOptions",
     "Measure",
     "MeasureOptions",
+    "ObjectOptions",
+    "Parts",
+    "ProfileOptions",
     "Rectangle",
     "SoftOptions",
     "WindowOptions",
@@ -30,13 +51,18 @@ __all__ = [
     "complexity",
     "complexity_map",
     "complexity_profile",
+    "components",
     "cube_size",
     "equal_spacing",
+    "in_frame",
     "level_values",
     "own_angle",
     "profile_of_field",
     "profile_of_levels",
     "ragged_profile",
+    "require_connectivity",
+    "require_frame",
+    "rotations_of",
     "smallest_rectangle",
     "soft_complexity",
     "spacing_of_words",

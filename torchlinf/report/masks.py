@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf._helpers.boxes import bounding_box
-from torchlinf.measure import Measure, equal_spacing, ragged_profile, spacing_of_words
+from torchlinf.measure import Measure, components, equal_spacing, ragged_profile, spacing_of_words
 from torchlinf.report.rows import Row, Table, measure_of, number_of, text_of
 from torchlinf.scoring import MAX_PIXELS, Source, UnreadableMaskError, find_masks, read_again, split_name
 
@@ -109,7 +109,9 @@ class MaskReader:
         elif (source := self._source(own)) is None:
             raise UnreadableMaskError("no such file")
         volume, inside = not np.isnan(number_of(row.get("depth"))), text_of(row.get("inside"))
-        return read_again(source, inside, page=page, volume=volume, max_pixels=self.max_pixels)
+        mask = read_again(source, inside, page=page, volume=volume, max_pixels=self.max_pixels)
+        number = number_of(row.get("object"))
+        return mask if np.isnan(number) else _object(mask, int(number), measure_of(text_of(row.get("measure"))))
 
     def _source(self, path: str) -> Source | None:
         """The source of this name: a file, or after a colon one of those in it; None if there is none."""
@@ -127,6 +129,16 @@ class MaskReader:
                 if member in self._found[file]:
                     return self._found[file][member]
         return None
+
+
+def _object(mask: NDArray[np.bool_], number: int, measure: Measure) -> NDArray[np.bool_]:
+    """One object of a mask, in the whole image."""
+    found = components(mask, connectivity=measure.connectivity, min_pixels=measure.min_pixels)
+    if number > len(found):
+        raise UnreadableMaskError(f"the mask has {len(found)} objects; the table says that this is number {number}")
+    alone, one = np.zeros_like(mask), found[number - 1]
+    alone[one.box] = one.mask()
+    return alone
 
 
 def _bytes_of_escapes(path: str) -> str:
@@ -195,6 +207,6 @@ def profile_values(mask: NDArray[np.bool_], row: Row) -> tuple[NDArray[np.uint16
                 "file has changed, or another version scored it"
             )
     levels = profile.level_values.numpy()
-    # The default scales of a profile are k/100.
-    values = levels if len(levels) <= MOST_LEVELS else profile.values[0].numpy()
+    # The default scales of a profile are k/100. A mean of parts has no levels of one length.
+    values = levels if profile.parts is None and len(levels) <= MOST_LEVELS else profile.values[0].numpy()
     return np.round(values / STEP).astype(np.uint16), ""

@@ -131,6 +131,7 @@ class Found(NamedTuple):
         rule: what is inside, in words.
         label: which label, None if the mask is not of one.
         shape: of the whole image; `inside` may be a part of it that holds all of the label.
+        origin: where in the image that part begins, one number an axis; empty if `inside` is the whole image.
         spacing: size of a pixel along each axis, if the mask is to be measured by it; None if in pixels.
     """
 
@@ -139,6 +140,7 @@ class Found(NamedTuple):
     rule: str
     label: int | None
     shape: tuple[int, ...]
+    origin: tuple[int, ...] = ()
     spacing: tuple[float, ...] | None = None
 
 
@@ -243,7 +245,8 @@ def read_all(source: Source, reading: Reading, *, page: int | None = None, keep:
         rule = "outline" if label is None else f"label {label}"
         if reading.invert:
             inside, rule = ~inside, f"not {rule}"
-        yield Found("", inside, rule, label, inside.shape, _sizes(None, False, inside.ndim, reading))
+        sizes = _sizes(None, False, inside.ndim, reading)
+        yield Found("", inside, rule, label, inside.shape, spacing=sizes)
         return
     if isinstance(data, InMemory):
         values, is_volume = values_in_memory(data, reading.max_pixels), data.spatial_ndim == 3
@@ -434,4 +437,5 @@ def _every_label(labels: NDArray[Any], valid: NDArray[np.bool_] | None) -> Itera
     if not boxes:
         yield Found("", np.zeros(labels.shape, dtype=np.bool_), "no label", None, labels.shape)
     for number, (name, box) in enumerate(zip(names.tolist(), boxes, strict=True), start=1):
-        yield Found(f"#{name}", numbered[box] == number, f"label {name}", name, labels.shape)
+        origin = tuple(side.start for side in box)
+        yield Found(f"#{name}", numbered[box] == number, f"label {name}", name, labels.shape, origin)

@@ -33,11 +33,11 @@ def name_beside(name: str, taken: set[str]) -> str:
 
 
 def split_name(name: str) -> tuple[str, int | None]:
-    """The name of the source of a row that is named by a page, a label, or both; and the page.
+    """The name of the source of a row that is named by a page, a label, an object or several of them; and the page.
 
-    >>> split_name("stack.npy[3]#15"), split_name("map.png#7"), split_name("a.png")
+    >>> split_name("stack.npy[3]#15@2"), split_name("map.png#7"), split_name("a.png")
     (('stack.npy', 3), ('map.png', None), ('a.png', None))
     """
-    source = re.sub(r"(\[(\d+)\])?(#\d+)?$", "", name, count=1)
+    source = re.sub(r"(\[(\d+)\])?(#\d+)?(@\d+)?$", "", name, count=1)
     page = re.match(r"\[(\d+)\]", name[len(source) :])
     return source, None if page is None else int(page[1])
