@@ -292,7 +292,7 @@ class ComplexityProfile:
         value = torch.full(self.radius.shape, torch.nan, dtype=self.values.dtype, device=self.values.device)
         scale = value.clone()
         for index in (self.radius > 0).nonzero().tolist():
-            ends, values, _ = self[tuple(index)].steps()
+            ends, values, _ = (self if self.radius.numel() == 1 else self[tuple(index)]).steps()
             value[tuple(index)], scale[tuple(index)] = values.max(), ends[values.argmax()]
         return value, scale
 
