@@ -400,6 +400,7 @@ def test_an_empty_mask_has_no_number() -> None:
         assert profile.mean().isnan().all()
         assert profile.error_bound().isnan().all()
         assert not profile.objects.any()
+        assert profile[0, 0].steps()[0].shape == (0,)
         assert not profile.radius.any()
         assert complexity(masks[:0], **chosen).shape == (0, 3)
     assert complexity_profile(masks, orientation="mean").standard_error().isnan().all()
