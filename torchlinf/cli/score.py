@@ -143,13 +143,13 @@ def score(
 
 
 def _by_source(paths: Iterable[str], names: Collection[str]) -> dict[str, list[str]]:
-    """Paths of rows by their source, whose name a page, a label and an object follow, as in stack.npy[3]#15@2."""
+    """Paths of rows by their source; a page, a label and an object may be behind its name, as stack.npy[3]#15@2."""
     sources: dict[str, list[str]] = {}
     for path in paths:
-        shapes = re.sub(r"@\d+$", "", path)
-        shorter = re.sub(r"#\d+$", "", shapes)
-        shortest = re.sub(r"\[\d+\]$", "", shorter)
-        name = next((name for name in (path, shapes, shorter, shortest) if name in names), shortest)
+        shorter = [path]
+        for behind in (r"@\d+$", r"#\d+$", r"\[\d+\]$"):
+            shorter.append(re.sub(behind, "", shorter[-1]))
+        name = next((name for name in shorter if name in names), shorter[-1])
         sources.setdefault(name, []).append(path)
     return sources
 

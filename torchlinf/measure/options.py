@@ -380,7 +380,7 @@ _DOCS = {
     "the number of dimensions; None means that number (8 neighbours in 2-D, 26 in 3-D).",
     "min_pixels": "components of fewer pixels are left out; counted in the mask, before any turn.",
     "pool": 'how the objects of one mask become one number: "mean", each counts the same; or "area", each counts as '
-    'its pixels. None means "mean"; in a table, one row an object.',
+    'its pixels. None means "mean"; but in a table one row an object, in the metric one shape an object.',
 }
 
 MARK = "{measure options}"

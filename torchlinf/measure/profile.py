@@ -1,6 +1,6 @@
 """Complexity against scale: the profile of shapes, and its exact mean over a window of scales."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from torchlinf._helpers.checks import window
-from torchlinf.measure.levels import Levels, first_level, level_values, numbered, shape_of_level
+from torchlinf.measure.levels import Levels, level_values, numbered
 from torchlinf.measure.options import Measure
 
 UNIT = 2.0**55  # sums of levels are kept in steps of 1 / UNIT
@@ -117,31 +117,29 @@ class ComplexityProfile:
             (tensor(0.8227, dtype=torch.float64), tensor([7]))
         """
         radius, lead = self.radius.flatten(), tuple(self.radius.shape)
-        numbers = torch.arange(len(radius), device=radius.device).reshape(lead)
+        numbers = torch.from_numpy(np.arange(len(radius))).to(radius.device).reshape(lead)
         try:
             chosen = numbers[index]
         except (IndexError, TypeError) as error:
             raise IndexError(
                 f"index must select from the leading shape {lead}; got {index!r}. Pass integers or slices."
             ) from error
-        shapes = chosen.flatten()
-        size = radius[shapes]
-        entries = size if self.parts is None else torch.zeros_like(size)
-        entry = torch.arange(int(entries.sum()), device=radius.device)
-        entry += (first_level(radius)[shapes] - first_level(entries))[shape_of_level(entries)]
+        shapes, lead = chosen.flatten().numpy(force=True), tuple(chosen.shape)
+        sizes = radius.numpy(force=True) if self.parts is None else np.zeros(len(radius), np.int64)
+        entry = _entries(sizes, shapes)
         measure = self.measure
         if isinstance(measure.rho, Tensor):
-            measure = replace(measure, rho=measure.rho.broadcast_to(lead)[index])
+            measure = replace(measure, rho=measure.rho.broadcast_to(self.radius.shape)[index])
         return ComplexityProfile(
             scales=self.scales,
-            values=self.values.reshape(-1, len(self.scales))[shapes].reshape(*chosen.shape, len(self.scales)),
-            radius=size.reshape(chosen.shape),
-            field_error_bound=self.field_error_bound.flatten()[shapes].reshape(chosen.shape),
-            level_values=self.level_values[entry],
-            level_error_bound=self.level_error_bound[entry],
+            values=_taken(self.values.reshape(-1, len(self.scales)), shapes).reshape(*lead, len(self.scales)),
+            radius=_taken(radius, shapes).reshape(lead),
+            field_error_bound=_taken(self.field_error_bound.flatten(), shapes).reshape(lead),
+            level_values=_taken(self.level_values, entry),
+            level_error_bound=_taken(self.level_error_bound, entry),
             measure=measure,
-            seconds=self.seconds.flatten()[shapes.cpu()].reshape(chosen.shape),
-            angle=None if self.angle is None else self.angle.flatten()[shapes.cpu()].reshape(chosen.shape),
+            seconds=_taken(self.seconds.flatten(), shapes).reshape(lead),
+            angle=None if self.angle is None else _taken(self.angle.flatten(), shapes).reshape(lead),
             parts=None if self.parts is None else self.parts.select(shapes, len(radius)),
         )
 
@@ -294,7 +292,7 @@ class ComplexityProfile:
         value = torch.full(self.radius.shape, torch.nan, dtype=self.values.dtype, device=self.values.device)
         scale = value.clone()
         for index in (self.radius > 0).nonzero().tolist():
-            ends, values, _ = self[tuple(index)].steps()
+            ends, values, _ = (self if self.radius.numel() == 1 else self[tuple(index)]).steps()
             value[tuple(index)], scale[tuple(index)] = values.max(), ends[values.argmax()]
         return value, scale
 
@@ -427,14 +425,14 @@ class Parts:
         found[counts > 0] = _reduced(np.maximum, values.numpy(force=True), counts)
         return torch.from_numpy(found).to(values)
 
-    def select(self, masks: Tensor, count: int) -> "Parts":
+    def select(self, masks: NDArray[np.int64], count: int) -> "Parts":
         """The parts of some of the masks, (M,) of their numbers, in this order; they are numbered anew."""
-        counts = torch.from_numpy(self.counts(count)).to(masks.device)
-        size, begin = counts[masks], first_level(counts)[masks]
-        owner = shape_of_level(size)
-        index = torch.arange(len(owner), device=masks.device) - (first_level(size) - begin)[owner]
-        pixels, box = (None if one is None else one[index] for one in (self.pixels, self.box))
-        return Parts(self.profile[index], owner, self.weight[index], pixels, box)
+        counts = self.counts(count)
+        index = _entries(counts, masks)
+        owner = torch.from_numpy(np.repeat(np.arange(len(masks)), counts[masks])).to(self.owner.device)
+        pixels, box = (None if one is None else _taken(one, index) for one in (self.pixels, self.box))
+        profile = self.profile[torch.from_numpy(index).to(self.owner.device)]
+        return Parts(profile, owner, _taken(self.weight, index), pixels, box)
 
     def moved(self, device: torch.device) -> "Parts":
         """The parts on a device."""
@@ -449,8 +447,8 @@ class Parts:
 
     def steps(self) -> tuple[Tensor, Tensor, Tensor]:
         """The steps of the mean of all parts against scale: see `ComplexityProfile.steps`."""
-        each = [self.profile[i].steps() for i in range(len(self.owner))]
-        ends = torch.unique(torch.cat([end for end, _, _ in each]))
+        each = list(self._steps_of_each())
+        ends = torch.unique(torch.cat([self.profile.level_values.new_zeros(0), *(end for end, _, _ in each)]))
         middles = (ends + torch.cat([ends.new_zeros(1), ends[:-1]])) / 2
         weight = self.weight.to(ends) / self.weight.sum()
         values, bounds = torch.zeros_like(ends), torch.zeros_like(ends)
@@ -459,6 +457,15 @@ class Parts:
             values += share * value[at]
             bounds += share * bound[at]
         return ends, values, bounds
+
+    def _steps_of_each(self) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
+        if self.profile.parts is not None:
+            yield from (self.profile[i].steps() for i in range(len(self.owner)))
+            return
+        sizes = self.profile.radius.tolist()
+        levels = self.profile.level_values.split(sizes), self.profile.level_error_bound.split(sizes)
+        for size, values, bounds in zip(sizes, *levels, strict=True):
+            yield torch.arange(1, size + 1, device=values.device).to(values) / max(size, 1), values, bounds
 
 
 def profile_of_field(field: Tensor, distance: Tensor, field_error: Tensor, measure: Measure) -> ComplexityProfile:
@@ -565,6 +572,24 @@ def length_within(level: NDArray[np.int64], radius: NDArray[np.int64], low: floa
     """
     length: NDArray[np.float64] = np.minimum(level / radius, high) - np.maximum((level - 1) / radius, low)
     return length.clip(min=0)
+
+
+def _entries(sizes: NDArray[np.int64], chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where the entries of those that are chosen stand in a flat list, of which each has so many.
+
+    >>> _entries(np.array([2, 0, 3]), np.array([2, 0]))
+    array([2, 3, 4, 0, 1])
+    """
+    size = sizes[chosen]
+    shift = (np.cumsum(sizes) - sizes)[chosen] - (np.cumsum(size) - size)
+    return np.arange(size.sum()) + np.repeat(shift, size)
+
+
+def _taken(values: Tensor, index: NDArray[np.int64]) -> Tensor:
+    """Rows of a tensor; by NumPy on the CPU, which starts no threads of OpenMP, see `torchlinf._helpers.parallel`."""
+    if values.device.type != "cpu":
+        return values[torch.from_numpy(index).to(values.device)]
+    return torch.from_numpy(values.numpy()[index])
 
 
 def _reduced(function: np.ufunc, of_levels: NDArray[Any], radius: NDArray[np.int64]) -> NDArray[Any]:
