@@ -1,9 +1,8 @@
 """`torchlinf score`: a table of masks."""
 
-import os
 import re
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from collections.abc import Mapping
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 import typer
@@ -30,6 +29,8 @@ from torchlinf.cli.options import (
     Workers,
 )  # fmt: skip
 from torchlinf.cli.outputs import STATUS, check_out, end_if_failed, endings, refuse_source
+from torchlinf.cli.progress import cores, progress
+from torchlinf.cli.score_geodata import takes_geodata
 from torchlinf.scoring import COLUMNS, MAX_PIXELS, RULE, WINDOWS
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ or --high the one column complexity.
 
 
 @takes_measure(WINDOWS)
+@takes_geodata
 def score(
     paths: Paths,
     *,
@@ -71,6 +73,9 @@ def score(
     says why, and the rest go on. With --out the rows are kept in a journal, FILE.part, until all are there: stopped by
     Ctrl-C, a kill or a full disk, the same command goes on where it was. Masks whose rows are in the table already are
     not scored again.
+
+    Outlines in a .gpkg, .geojson, .shp or .parquet (GeoParquet) file are drawn at --resolution, and scored with a row
+    for each that has their attributes too; --out may be .gpkg then.
     """
     from torchlinf.scoring import ScoreOptions, open_table, score_groups
 
@@ -83,7 +88,7 @@ def score(
 
         if as_json or overwrite or retry:
             raise typer.BadParameter("it always goes on in its folder, of Parquet files", param_hint="--ray")
-        score_on_ray(paths, out, ray, workers or _cores(), options, _progress)
+        score_on_ray(paths, out, ray, workers or cores(), options, progress)
         return
     check_out(out, as_json, overwrite, retry)
     failed = 0
@@ -96,8 +101,8 @@ def score(
             failed += sum(done.get(source.name) is not None for source in sources)
             if before := len(sources) - len(new):
                 typer.echo(f"{before} of {len(sources)} masks are in {out} already.", err=True)
-            groups = score_groups(new, options, workers=workers or _cores())
-            with closing(groups), _progress(before, len(sources), shown=out is not None or not as_json) as advance:
+            groups = score_groups(new, options, workers=workers or cores())
+            with closing(groups), progress(before, len(sources), shown=out is not None or not as_json) as advance:
                 for rows in groups:
                     put(*rows)
                     failed += any(row.error is not None for row in rows)
@@ -112,23 +117,3 @@ def _sources_of(done: Mapping[str, str | None]) -> dict[str, str | None]:
         source = re.sub(r"(\[\d+\])?(#\d+)?$", "", name, count=1)
         names[source] = names.get(source) or error
     return names
-
-
-def _cores() -> int:
-    # In a container or a batch job the machine may have more cores than this process may use.
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextmanager
-def _progress(done: int, total: int, shown: bool) -> Iterator[Callable[[], None]]:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("scoring"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    if not (shown and console.is_terminal):  # a disabled Progress of rich before 14.3 prints an empty line
-        yield lambda: None
-        return
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("scoring", total=total, completed=done)
-        yield lambda: progress.advance(task)

@@ -76,7 +76,8 @@ def measured(shapes: Column, broken: Column, drawing: Drawing, measure: Measure)
     numbers = {name: column.reshape(count, rotations) for name, column in solved.items() if name != "error"}
     unsolved = solved["error"].reshape(count, rotations)
     found = _of_one(numbers | {"angle": angles, "resolution": sides}, measure)
-    drawn = (pixels > 0).any(axis=1) if measure.orientation == "least" else (pixels > 0).all(axis=1)
+    # Of the rotations that "least" tries, one with pixels is enough.
+    drawn = np.count_nonzero(pixels, axis=1) >= (1 if measure.orientation == "least" else rotations)
     bounds = shapely.bounds(shapes)
     for i in range(count):
         failures = [text for text in unsolved[i] if text is not None]
