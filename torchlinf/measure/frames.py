@@ -152,7 +152,7 @@ def _resampled(mask: NDArray[np.bool_], rotation: NDArray[np.float64]) -> NDArra
     reach += (reach - size) % 2  # the same parity: the middle of the array stays the middle of a pixel or of a border
     back = rotation.T
     offset = (size - 1) / 2 - back @ ((reach - 1) / 2)
-    values = affine_transform(mask.astype(np.float64), back, offset, tuple(reach), order=1, mode="constant")
+    values = affine_transform(mask.astype(np.float64), back, offset, tuple(reach), order=1, mode="grid-constant")
     return values > 0.5 - _SLACK
 
 
