@@ -12,6 +12,8 @@ from torchlinf.measure import ComplexityProfile, Measure, ragged_profile, smalle
 from torchlinf.polygons.drawing import Edges, TooLargeError, draw, draw_at_radius, edges_of, turn
 
 NOTHING = np.zeros((1, 1), dtype=np.bool_)
+# Columns of no table.
+BY_ROTATION, DRAWN = "by rotation", "drawn"
 SEVERAL = ("mean", "least")  # orientations that draw an outline several times
 
 Column = NDArray[Any]
@@ -50,7 +52,8 @@ def measured(shapes: Column, broken: Column, drawing: Drawing, measure: Measure)
         measure: how complexity is measured, with its frame.
 
     Returns:
-        The columns from "area" to "error", (N,) each.
+        The columns from "area" to "error", (N,) each; `DRAWN`, whether there was a drawing, if without a pixel; with
+        orientation="mean" also `BY_ROTATION`, the complexities (N, windows, rotations).
     """
     import shapely
 
@@ -87,8 +90,8 @@ def measured(shapes: Column, broken: Column, drawing: Drawing, measure: Measure)
             errors[i] = _too_small(sides[i, 0], bounds[i])
     failed = np.array([error is not None for error in errors], dtype=np.bool_)
     for column in found.values():
-        column[failed] = 0 if column.dtype.kind == "i" else np.nan
-    found["area"], found["pixels"], found["error"] = shapely.area(shapes), pixels[:, 0], errors
+        column[failed] = 0 if column.dtype.kind == "i" else np.nan  # seconds too: no time was taken for a number
+    found |= {"area": shapely.area(shapes), "pixels": pixels[:, 0], "error": errors, DRAWN: ~np.isnan(sides[:, 0])}
     return found
 
 
@@ -134,16 +137,18 @@ def pooled(
             for i in np.flatnonzero(objects[owner] == 0)[::-1]:
                 rows[name][owner[i]] = column[i] or "every polygon has fewer pixels than min_pixels"
         elif name in ("area", "seconds"):
-            rows[name] = np.bincount(owner, np.nan_to_num(column), count)
+            rows[name] = np.bincount(owner, column, count)
         elif name == "pixels":
             rows[name] = sums(column).astype(np.int64)
         elif name in ("angle", "resolution"):
             rows[name] = common(column)
         elif name in ("radius", "field_error_bound"):
             rows[name] = largest(column)
-        elif name == "standard_error":
-            rows[name] = np.sqrt(sums((weight * np.nan_to_num(column)) ** 2)) / np.where(objects, total, np.nan)
-        else:
+        elif name == BY_ROTATION:
+            whole = np.zeros((count, *column.shape[1:]))
+            np.add.at(whole, owner[good], weight[good, None, None] * column[good])
+            rows["standard_error"] = _standard_error(whole / np.where(objects, total, np.nan)[:, None, None])
+        elif name not in ("standard_error", DRAWN):
             rows[name] = sums(weight * column) / np.where(objects, total, np.nan)
     rows["field_error_bound"][objects == 0] = np.nan
     return rows
@@ -162,7 +167,7 @@ def _angles(edges: Edges, count: int, measure: Measure) -> NDArray[np.float64]:
 
 def _solved(draw_one: Callable[[int], Mask], count: int, measure: Measure) -> dict[str, Column]:
     """The numbers of drawings, all in one go; if a field cannot be solved, one by one, so that the others go on."""
-    plain = replace(measure, orientation=None, rotations=6, per="mask", connectivity=None, min_pixels=1, pool=None)
+    plain = replace(measure.of_objects(), orientation=None, rotations=6)
     try:
         found = _numbers(ragged_profile(draw_one, count, plain), measure)
         return found | {"error": np.full(count, None)}
@@ -211,19 +216,22 @@ def _of_one(numbers: dict[str, Column], measure: Measure) -> dict[str, Column]:
                 found[name] = np.where(same, column[:, 0], np.nan)
             elif name != "seconds":
                 found[name] = column.mean(axis=1)
-        spread = [_standard_error(numbers[name]) for name in measure.named_windows()]
-        found["standard_error"] = np.max(spread, axis=0)
+        del found["angle"]
+        found[BY_ROTATION] = np.stack([numbers[name] for name in measure.named_windows()], axis=1)
+        found["standard_error"] = _standard_error(found[BY_ROTATION])
     else:
         found = {name: column[:, 0].copy() for name, column in numbers.items()}
     found["seconds"] = numbers["seconds"].sum(axis=1)
     return found
 
 
-def _standard_error(values: Column) -> Column:
-    rotations = values.shape[1]
+def _standard_error(by_rotation: Column) -> Column:
+    """(N,) of complexities (N, windows, rotations), the largest of the windows; NaN for one rotation."""
+    rotations = by_rotation.shape[2]
     if rotations == 1:
-        return np.full(len(values), np.nan)
-    return values.std(axis=1, ddof=1) / np.sqrt(rotations)
+        return np.full(len(by_rotation), np.nan)
+    errors: Column = by_rotation.std(axis=2, ddof=1).max(axis=1) / np.sqrt(rotations)
+    return errors
 
 
 def _too_small(resolution: float, bounds: Column) -> str:

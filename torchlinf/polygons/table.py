@@ -1,15 +1,15 @@
 """The table of outlines: each is drawn, measured, and written into a row."""
 
-from typing import Any, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf import __version__
 from torchlinf._helpers.checks import choice, count, flag, positive
-from torchlinf.measure import FrameOptions, Measure, MeasureOptions, ObjectOptions, takes
+from torchlinf.measure import FrameOptions, GridOptions, Measure, takes
 from torchlinf.polygons.geometries import read_geometries
-from torchlinf.polygons.measuring import Drawing, measured, pooled
+from torchlinf.polygons.measuring import DRAWN, Drawing, measured, pooled
 
 MAX_PIXELS = 2**26  # 8192 x 8192, the limit of the command too
 ERRORS = ("row", "raise")
@@ -21,8 +21,12 @@ COLUMNS = (
 Column = NDArray[Any]
 
 
-class PolygonOptions(MeasureOptions, FrameOptions, ObjectOptions, total=False):
-    """Options of outlines."""
+class PolygonOptions(GridOptions, FrameOptions, total=False):
+    """Options of outlines: their objects are polygons, so nothing has to say which pixels are connected."""
+
+    per: Literal["mask", "object"]
+    min_pixels: int
+    pool: Literal["mean", "area"] | None
 
 
 @takes(PolygonOptions)
@@ -60,7 +64,8 @@ def complexity_table(
             others go on. "raise": the first error is raised.
         {measure options}
             Here rho must be None or one number; degrees turn counter-clockwise where y goes up, and "own" always turns,
-            since nothing is lost by it. The objects of a multipolygon are its polygons, so connectivity must be None.
+            since nothing is lost by it. The objects of a multipolygon are its polygons. With pool="area" each counts as its
+            exact area.
 
     Returns:
         Columns by name, one entry per geometry in their order; with per="object" and no `pool` one entry per polygon.
@@ -76,8 +81,9 @@ def complexity_table(
         - "complexity", or the names of `windows`: float64, bits (or share, for "std"). An upright box has exactly 0.0.
         - "standard_error": float64, with orientation="mean": that of the mean over the rotations, in the same unit; of
           several windows the largest.
-        - "angle": float64, degrees that the outline was turned by before it was drawn, NaN for several drawings.
-        - "resolution": float64, side of a pixel; NaN for several drawings that do not share one.
+        - "angle": float64, with an `orientation` in degrees, "own" or "least": degrees that the outline was turned by
+          before it was drawn, NaN where `pool` makes one of several.
+        - "resolution": float64, side of a pixel; NaN where several drawings do not share one.
         - "error_bound": float64, how far any of the complexities can be from that of the exact field of the drawing,
           proven. It says nothing of the choice of the resolution.
         - "field_error_bound": float64, the certified relative error of the field.
@@ -103,19 +109,16 @@ def complexity_table(
         >>> turned = [affinity.rotate(shape, 20) for shape in (house, extended)]
         >>> for orientation in (None, "own"):
         ...     table = complexity_table(turned, resolution=0.25, orientation=orientation)
-        ...     print(table["complexity"].round(2).tolist(), table["angle"].round(2).tolist())
-        [2.25, 2.75] [0.0, 0.0]
-        [0.0, 0.86] [-20.0, -20.0]
+        ...     print(table["complexity"].round(2).tolist(), "angle" in table)
+        [2.25, 2.75] False
+        [0.0, 0.86] True
+        >>> table["angle"].round(2).tolist()
+        [-20.0, -20.0]
     """
     measure = Measure.of(options, PolygonOptions)
     measure.scalar_rho()
     if isinstance(measure.orientation, tuple):
         raise ValueError('orientation must be of two dimensions; got a 3 x 3 matrix. Pass degrees, or "own".')
-    if measure.connectivity is not None:
-        raise ValueError(
-            f"connectivity must be None, since the objects of a geometry are its polygons; got {measure.connectivity}. "
-            "Leave it out."
-        )
     windows = measure.named_windows()
     taken = {*COLUMNS} & set(windows)
     if taken:
@@ -136,7 +139,7 @@ def complexity_table(
         if measure.pool is not None:
             rows |= pooled(numbers, owner, chosen, len(found.index), measure.pool)
         else:
-            chosen |= np.array([error is not None for error in parts.errors], dtype=np.bool_)
+            chosen |= ~numbers[DRAWN]  # what is no polygon, or too large, is not left out as too small
             number = np.arange(len(owner)) - np.searchsorted(owner, owner) + 1
             rows = {"index": parts.index, "object": number, **numbers}
             rows = {name: column[chosen] for name, column in rows.items()}
@@ -144,6 +147,8 @@ def complexity_table(
         rows |= measured(found.shapes, found.errors, drawing, measure)
     if raising:
         _raise_first(rows["error"], rows["index"])
+    if measure.orientation is None:
+        del rows["angle"]
     rows["version"] = np.full(len(rows["index"]), __version__)
     rows["measure"] = np.full(len(rows["index"]), measure.settings())
     order = [name for name in COLUMNS if name in rows]

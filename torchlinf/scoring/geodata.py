@@ -229,7 +229,7 @@ def _paths(file: str, layer: str | None, rows: Any, objects: Any) -> list[str]:
     """What each row is called: the file, the position of its outline in it, and of its polygons which one."""
     prefix = file if layer is None else f"{file}:{layer}"
     names = [file if row is None or row != row else f"{prefix}:{int(row)}" for row in rows]
-    return names if objects is None else [f"{name}#{number}" for name, number in zip(names, objects, strict=True)]
+    return names if objects is None else [f"{name}@{number}" for name, number in zip(names, objects, strict=True)]
 
 
 def _stacked(frames: list[Any]) -> Any:
