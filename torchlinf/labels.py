@@ -10,7 +10,16 @@ from torch import Tensor
 
 from torchlinf import __version__
 from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, positive
-from torchlinf.measure import ComplexityProfile, Measure, MeasureOptions, components, ragged_profile, takes
+from torchlinf.measure import (
+    ComplexityProfile,
+    Measure,
+    MeasureOptions,
+    components,
+    ragged_profile,
+    require_connectivity,
+    require_frame,
+    takes,
+)
 
 __all__ = ["complexity_table"]
 
@@ -111,6 +120,8 @@ def complexity_table(
     measure.scalar_rho()
     windows = measure.named_windows()
     labels = _label_map(label_map)
+    require_connectivity(measure.connectivity, labels.ndim)
+    require_frame(measure, labels.ndim)
     numbered, boxes, names = _objects(labels)
     one_row_an_object = measure.per == "object" and measure.pool is None
     of_label = np.arange(len(names))

@@ -2,7 +2,14 @@
 
 from torchlinf.measure.frames import Rectangle, own_angle, smallest_rectangle, turned
 from torchlinf.measure.levels import Levels, level_values
-from torchlinf.measure.objects import Component, components, in_frame, require_frame, rotations_of
+from torchlinf.measure.objects import (
+    Component,
+    components,
+    in_frame,
+    require_connectivity,
+    require_frame,
+    rotations_of,
+)
 from torchlinf.measure.options import (
     FrameOptions,
     GridOptions,
@@ -54,6 +61,7 @@ __all__ = [
     "profile_of_field",
     "profile_of_levels",
     "ragged_profile",
+    "require_connectivity",
     "require_frame",
     "rotations_of",
     "smallest_rectangle",
