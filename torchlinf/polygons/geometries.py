@@ -64,7 +64,8 @@ def read_geometries(given: Any, repair: bool = False) -> Geometries:
         [None, None, 'a Point has no inside', 'there is no geometry']
     """
     require("shapely", "measuring outlines", "geo")
-    return _checked(_collected(given), repair)
+    with np.errstate(invalid="ignore"):  # coordinates that are NaN: their row says so
+        return _checked(_collected(given), repair)
 
 
 def _collected(given: Any) -> Geometries:
@@ -73,10 +74,11 @@ def _collected(given: Any) -> Geometries:
 
     if isinstance(given, shapely.Geometry):
         given = [given]
-    elif hasattr(given, "crs") and hasattr(given, "geometry"):  # of GeoPandas
+    elif hasattr(given, "crs") and hasattr(given, "to_crs"):  # of GeoPandas: a frame, a series or an array
         _refuse_degrees(given.crs)
-        shapes = np.asarray(given.geometry, dtype=object)
-        return Geometries(shapes, given.index.to_numpy(), np.full(len(shapes), None))
+        shapes = np.asarray(getattr(given, "geometry", given), dtype=object)
+        index = given.index.to_numpy() if hasattr(given, "index") else np.arange(len(shapes))
+        return Geometries(shapes, index, np.full(len(shapes), None))
     elif hasattr(given, "to_numpy") and hasattr(given, "index"):  # a column of a table
         index, given = given.index.to_numpy(), given.to_numpy()
         return replace(_each(given), index=index)

@@ -63,9 +63,9 @@ def complexity_table(
         errors: "row": what cannot be measured gives a row with `error`, NaN for its numbers and radius 0, and the
             others go on. "raise": the first error is raised.
         {measure options}
-            Here rho must be None or one number; degrees turn counter-clockwise where y goes up, and "own" always turns,
-            since nothing is lost by it. The objects of a multipolygon are its polygons. With pool="area" each counts as its
-            exact area.
+            Here rho must be None or one number; degrees turn counter-clockwise where y goes up; "own" always turns,
+            since nothing is lost by it. The objects of a multipolygon are its polygons; with pool="area" each counts as
+            its area.
 
     Returns:
         Columns by name, one entry per geometry in their order; with per="object" and no `pool` one entry per polygon.
