@@ -51,6 +51,7 @@ def takes_geodata(command: Callable[..., None]) -> Callable[..., None]:
         if len(outlines) < len(given["paths"]):
             raise typer.BadParameter("files of outlines and masks must be scored apart; got both in one call")
         other = [name for name, value in given.items() if name not in SHARED and value != own[name].default]
+        other += ["connectivity"] if given["measure"].connectivity is not None else []
         if other:
             raise typer.BadParameter(f"{_flags(other)} is not for outlines", param_hint=_flags(other))
         shared = {name: given[name] for name in SHARED if name != "paths"}

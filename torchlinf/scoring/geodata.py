@@ -161,23 +161,23 @@ def parts_of(file: Path, options: GeoOptions, done: Mapping[int, GeoPart]) -> It
     try:
         frame = project(read_geodata(file, options.layer), options.crs)
     except UnreadableMaskError as error:
-        columns = _columns(options.table([None]), 0)
-        yield GeoPart(str(file), 0, 0, columns | {"error": [str(error)], "row": [None]})
+        yield GeoPart(str(file), 0, 0, _columns(options.table([None])) | {"error": [str(error)], "row": [None]})
         return
     outlines = frame.geometry.reset_index(drop=True)
-    for begin in range(0, len(outlines), PART):
+    for begin in range(0, max(len(outlines), 1), PART):  # a file without outlines is one part without rows
         if (known := done.get(begin)) is not None:
             if known.total != len(outlines):
                 raise NoTableError(f"{file} had {known.total} outlines when it was begun, and has {len(outlines)} now")
             yield known
             continue
         table = options.table(outlines.iloc[begin : begin + PART])
-        yield GeoPart(str(file), begin, len(outlines), _columns(table, None))
+        yield GeoPart(str(file), begin, len(outlines), _columns(table))
 
 
-def _columns(table: Mapping[str, Any], position: int | None) -> dict[str, list[Any]]:
-    rows = table["index"].tolist() if position is None else [position] * len(table["index"])
-    return {"row": rows} | {name: column.tolist() for name, column in table.items() if name not in OF_MASKS}
+def _columns(table: Mapping[str, Any]) -> dict[str, list[Any]]:
+    return {"row": table["index"].tolist()} | {
+        name: column.tolist() for name, column in table.items() if name not in OF_MASKS
+    }
 
 
 def joined(parts: Sequence[GeoPart], options: GeoOptions, with_geometry: bool) -> "DataFrame":
@@ -202,10 +202,10 @@ def joined(parts: Sequence[GeoPart], options: GeoOptions, with_geometry: bool) -
         own = [part for part in parts if part.file == file]
         numbers = pd.DataFrame({name: [cell for part in own for cell in part.columns[name]] for name in own[0].columns})
         numbers["error"] = numbers["error"].astype(object).where(numbers["error"].notna(), None)
-        rows = numbers.pop("row")
+        rows = numbers.pop("row").tolist()
         numbers.insert(0, "path", _paths(file, options.layer, rows, numbers.get("object")))
         numbers = numbers.assign(version=__version__, measure=options.measure.settings(), drawing=options.drawing())
-        if own[0].total == 0:
+        if rows == [None]:  # the file could not be used
             frames.append(numbers)
             continue
         given = read_geodata(Path(file), options.layer).reset_index(drop=True)
@@ -228,7 +228,7 @@ def joined(parts: Sequence[GeoPart], options: GeoOptions, with_geometry: bool) -
 def _paths(file: str, layer: str | None, rows: Any, objects: Any) -> list[str]:
     """What each row is called: the file, the position of its outline in it, and of its polygons which one."""
     prefix = file if layer is None else f"{file}:{layer}"
-    names = [file if row is None or row != row else f"{prefix}:{int(row)}" for row in rows]
+    names = [file if row is None else f"{prefix}:{row}" for row in rows]
     return names if objects is None else [f"{name}@{number}" for name, number in zip(names, objects, strict=True)]
 
 
