@@ -19,8 +19,7 @@ from torchlinf._helpers.checks import positive_tensor
 from torchlinf.measure.frames import own_angle, turned
 from torchlinf.measure.levels import Levels, MaskAt, levels_of_each, owners
 from torchlinf.measure.options import SEVERAL, Measure
-from torchlinf.measure.parts import Parts
-from torchlinf.measure.profile import ComplexityProfile, profile_of_levels
+from torchlinf.measure.profile import ComplexityProfile, Parts, profile_of_levels
 
 AT_A_TIME = 2**22  # pixels whose components are known at a time: four bytes each
 

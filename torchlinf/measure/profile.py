@@ -2,19 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from torchlinf._helpers.checks import as_mask, choice, real_dtype, window
-from torchlinf.field import METHODS
+from torchlinf._helpers.checks import window
 from torchlinf.measure.entropy import segment_sum
-from torchlinf.measure.levels import Levels, MaskAt, first_level, level_values, levels_of, levels_of_each, owners
-from torchlinf.measure.options import MeanOptions, Measure, ProfileOptions, takes
-from torchlinf.measure.parts import Parts
+from torchlinf.measure.levels import Levels, first_level, level_values, owners
+from torchlinf.measure.options import Measure
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +54,7 @@ class ComplexityProfile:
     measure: Measure
     seconds: Tensor
     angle: Tensor | None = None
-    parts: Parts | None = None
+    parts: "Parts | None" = None
 
     @property
     def objects(self) -> Tensor:
@@ -233,10 +231,14 @@ class ComplexityProfile:
             >>> bool(profile.standard_error() < 0.1 * profile.mean())
             True
         """
-        each = self._by_rotation(*window(low, high))  # (N, rotations)
-        count = each.shape[1]
-        spread = each.std(dim=1) if count > 1 and len(each) else torch.full_like(each[:, 0], torch.nan)
-        return self._lead(spread / count**0.5)
+        each = self._by_rotation(*window(low, high)).unbind(dim=1)  # of each rotation (N,)
+        count = len(each)
+        if count == 1:
+            return self._lead(torch.full_like(each[0], torch.nan))
+        # One after the other: how `std` adds up depends on how many shapes there are.
+        mean = torch.stack([value / count for value in each]).cumsum(dim=0)[-1]
+        square = torch.stack([(value - mean) ** 2 for value in each]).cumsum(dim=0)[-1]
+        return self._lead((square / (count - 1) / count).sqrt())
 
     def _by_rotation(self, low: float, high: float) -> Tensor:
         """The mean over (low, high] of each shape at each rotation, its objects pooled: (N, rotations)."""
@@ -330,7 +332,7 @@ class ComplexityProfile:
     def _lead(self, flat: Tensor) -> Tensor:
         return flat.reshape(self.radius.shape).to(self.values.dtype)
 
-    def _to(self, device: torch.device, dtype: torch.dtype | None) -> "ComplexityProfile":
+    def moved(self, device: torch.device, dtype: torch.dtype | None) -> "ComplexityProfile":
         """A profile of float64 on the CPU brought to a device, its values in `dtype`."""
         real = torch.float32 if device.type == "mps" else torch.float64
         moved = replace(
@@ -344,159 +346,122 @@ class ComplexityProfile:
         )
         if self.parts is None:
             return moved
-        return replace(moved, parts=self.parts.mapped(lambda profile: profile._to(device, None), device))
+        return replace(moved, parts=self.parts.moved(device))
 
 
-@takes(ProfileOptions)
-def complexity_profile(
-    mask: Tensor,
-    *,
-    scales: Tensor | ArrayLike | None = None,
-    method: str = "auto",
-    spatial_ndim: int | None = None,
-    dtype: torch.dtype | None = None,
-    **options: Unpack[ProfileOptions],
-) -> ComplexityProfile:
-    """Complexity of shapes against scale.
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What a profile was pooled from: the objects of each mask, or the rotations of each shape.
 
-    Level k of a shape is the set of pixels at chessboard distance k from the outside. On an axis-aligned box the
-    screened L-infinity field is constant on every level; the value E_k of a level says how far it is from that.
-    At scale t the profile shows level ceil(t D), D being the radius: an appendage of contact width w on a body of
-    width W shows at no t above w/W.
+    P parts of N masks, those of the first mask first.
 
-    Args:
-        mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, nonzero is inside,
-            beyond the array is outside. Each (b, c) is one shape.
-        scales: (L,) scales in (0, 1]; None means 0.01, 0.02 ... 1.00.
-        method: how the field is solved, "auto", "compiled", "accelerated" or "monotone"; see `solve_field`.
-        spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
-        dtype: of the values returned; None means float64 (float32 on a device without it), in which they are always
-            computed. `field_error_bound` keeps its own dtype, since it may be too small for a shorter one.
-        {measure options}
-
-    Returns:
-        A `ComplexityProfile`. An empty shape has radius 0 and NaN values; a full mask is a box, so exactly 0.0. Not
-        differentiable. What else is in the batch does not change the values of a shape. Flips and axis swaps of a shape
-        change them by no more than the errors of the fields explain; at the default `tol` by nothing on all shapes that
-        were tried.
-
-    Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: an argument has a wrong rank or value.
-        RuntimeError: a field could not be solved to `tol`; the message names the shapes.
-
-    Source: Arslan and Tari, "Complexity of Shapes Embedded in Z^n with a Bias Towards Squares", IEEE TIP 2020.
+    Attributes:
+        profile: of the leading shape (P,), the parts alone. Of objects with orientation="mean" it has parts itself, the
+            rotations of each object.
+        owner: (P,) int64, ascending: the number of the mask that each part belongs to, in the flattened batch.
+        weight: (P,) int64, how much each part counts in the mean: 1, or for pool="area" its pixels.
+        pixels: (P,) int64, pixels of each object in the mask, before any turn; None for rotations.
+        box: (P, spatial dimensions, 2) int64, the box of each object in the mask: first row and the one behind the
+            last, first column and the one behind the last, and so on; None for rotations.
 
     Example:
-        >>> from torchlinf import shapes
-        >>> profile = complexity_profile(shapes.disc(8), scales=[0.25, 0.5, 1.0], spatial_ndim=2)
-        >>> profile.values, profile.radius
-        (tensor([0.9799, 0.8813, 0.0000], dtype=torch.float64), tensor(6))
+        >>> import torchlinf
+        >>> mask = torch.tensor([[1, 1, 0, 0, 0], [1, 1, 0, 1, 1]])
+        >>> parts = torchlinf.complexity_profile(mask, per="object", spatial_ndim=2).parts
+        >>> parts.owner, parts.pixels, parts.box[1].tolist()
+        (tensor([0, 0]), tensor([4, 2]), [[1, 2], [3, 5]])
     """
-    measure = Measure.of(options, ProfileOptions)
-    choice(method, ("auto", *METHODS), "method")
-    real_dtype(dtype)
-    grid = scale_grid(scales)
-    masks, lead = as_mask(mask, spatial_ndim)
-    return _profile_of_masks(masks, lead, measure, method, grid, dtype)
 
+    profile: "ComplexityProfile"
+    owner: Tensor
+    weight: Tensor
+    pixels: Tensor | None
+    box: Tensor | None
 
-def ragged_profile(mask_at: MaskAt, count: int, measure: Measure) -> ComplexityProfile:
-    """What `complexity_profile` gives for each of many masks alone, of whatever size, as one profile.
+    def number(self) -> Tensor:
+        """(P,) int64: the number of each part within its mask, from 1.
 
-    A batch of tensors would be as large as the largest mask times the number of shapes. Here only the masks being
-    worked on exist, one for each of torch's threads.
+        Example:
+            >>> import torchlinf
+            >>> masks = torch.tensor([[[1, 0, 1]], [[0, 1, 0]]])
+            >>> torchlinf.complexity_profile(masks, per="object", spatial_ndim=2).parts.number()
+            tensor([1, 2, 1])
+        """
+        begin = torch.searchsorted(self.owner, self.owner)
+        return torch.arange(1, len(self.owner) + 1, device=self.owner.device) - begin
 
-    Args:
-        mask_at: the i-th mask, a bool array, any box that holds the shape; called on several threads.
-        count: how many there are.
-        measure: how complexity is measured. Its window is not used here.
-
-    Returns:
-        The profile on the CPU, on the default scales, of the leading shape (count,).
-
-    Raises:
-        RuntimeError: a field could not be solved.
-
-    Example:
-        >>> import numpy as np
-        >>> masks = [np.ones((3, 5), dtype=bool), np.eye(4, dtype=bool)]
-        >>> profile = ragged_profile(masks.__getitem__, 2, Measure())
-        >>> profile.radius, profile.mean()
-        (tensor([2, 1]), tensor([0., 0.], dtype=torch.float64))
-    """
-    if measure.is_plain:
-        return profile_of_levels(levels_of_each(mask_at, count, (count,), measure), (count,), measure)
-    from torchlinf.measure.objects import profile_of_parts
-
-    return profile_of_parts(mask_at, (count,), measure)
-
-
-@takes(MeanOptions)
-def complexity(
-    mask: Tensor,
-    *,
-    method: str = "auto",
-    spatial_ndim: int | None = None,
-    dtype: torch.dtype | None = None,
-    **options: Unpack[MeanOptions],
-) -> Tensor:
-    """Mean complexity of each shape over the scales in (low, high].
-
-    The same as `complexity_profile(mask, ...).mean(low, high)`: an exact mean over scales, not one over samples.
-
-    Args:
-        mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, nonzero is inside,
-            beyond the array is outside. Each (b, c) is one shape.
-        method: how the field is solved, "auto", "compiled", "accelerated" or "monotone"; see `solve_field`.
-        spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
-        dtype: of the result; None means float64 (float32 on a device without it).
-        {measure options}
-
-    Returns:
-        Tensor of the leading shape, (B, C) by default, in bits (share of the field's maximum for "std"). NaN for an
-        empty shape; exactly 0.0 for a full mask and for any axis-aligned box. Not differentiable, and detached from
-        what the mask was made of: for a gradient use `soft_complexity` or `losses.ShapeComplexityLoss`.
-
-    Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: an argument has a wrong rank or value.
-        RuntimeError: a field could not be solved to `tol`; the message names the shapes.
-
-    Source: Arslan and Tari, "Complexity of Shapes Embedded in Z^n with a Bias Towards Squares", IEEE TIP 2020.
-
-    Example:
-        >>> from torchlinf import shapes
-        >>> complexity(torch.stack([shapes.box(17, 17), shapes.disc(8)]), spatial_ndim=2)
-        tensor([0.0000, 0.6233], dtype=torch.float64)
-    """
-    measure = Measure.of(options, MeanOptions)
-    choice(method, ("auto", *METHODS), "method")
-    real_dtype(dtype)
-    masks, lead = as_mask(mask, spatial_ndim)
-    return _profile_of_masks(masks, lead, measure, method, None, dtype).mean(measure.low, measure.high)
-
-
-def _profile_of_masks(
-    masks: Tensor,
-    lead: tuple[int, ...],
-    measure: Measure,
-    method: str,
-    grid: tuple[Tensor, Tensor] | None,
-    dtype: torch.dtype | None,
-) -> ComplexityProfile:
-    """The profile of checked masks, bool (N, *spatial), of the leading shape `lead`."""
-    if measure.is_plain:
-        return profile_of_levels(levels_of(masks, lead, measure, method), lead, measure, grid, dtype)
-    from torchlinf.measure.objects import profile_of_parts
-
-    if method not in ("auto", "compiled"):
-        raise ValueError(
-            f'method must be "auto" or "compiled" beside orientation or per="object"; got {method!r}. Leave method out.'
+    def counts(self, masks: int) -> Tensor:
+        """(masks,) int64: how many parts each mask has."""
+        return torch.zeros(masks, dtype=torch.int64, device=self.owner.device).index_add(
+            0, self.owner, torch.ones_like(self.owner)
         )
-    arrays = masks.cpu().numpy()
-    profile = profile_of_parts(arrays.__getitem__, lead, measure, grid)
-    return profile._to(masks.device, dtype)
+
+    def pooled(self, values: Tensor, masks: int) -> Tensor:
+        """The weighted mean of the numbers of the parts of each mask.
+
+        It does not depend on the order of the parts. The numbers of a single part are kept to the last bit. The
+        rotations of an empty mask are NaN, and so is their mean.
+
+        Args:
+            values: (P, L), any count of numbers a part.
+            masks: how many masks there are.
+
+        Returns:
+            (masks, L); NaN for a mask without parts.
+        """
+        length = values.shape[1]
+        counts, column = self.counts(masks), torch.arange(length, device=values.device)
+        total = torch.zeros_like(counts).index_add(0, self.owner, self.weight)
+        terms = values.nan_to_num(nan=0.0) * self.weight.to(values)[:, None]
+        # No value exceeds 32, as no level does.
+        bound = (32 * total)[:, None].expand(-1, length).flatten()
+        summed = segment_sum(terms.flatten(), (self.owner[:, None] * length + column).flatten(), bound)
+        mean = summed.reshape(masks, length) / total.to(values)[:, None]
+        alone = (counts == 1)[self.owner]
+        mean[self.owner[alone]] = values[alone]
+        empty = torch.zeros_like(counts).index_add(0, self.owner, values.isnan().any(dim=1).long()) > 0
+        return mean.masked_fill(((counts == 0) | empty)[:, None], torch.nan)
+
+    def total(self, values: Tensor, masks: int) -> Tensor:
+        """The sum of one number a part, for each mask."""
+        return values.new_zeros(masks).index_add(0, self.owner.to(values.device), values)
+
+    def largest(self, values: Tensor, masks: int) -> Tensor:
+        """The largest of one number of 0 or more a part, for each mask; 0 for a mask without parts."""
+        return values.new_zeros(masks).scatter_reduce(0, self.owner, values, "amax")
+
+    def select(self, masks: Tensor, count: int) -> "Parts":
+        """The parts of some of the masks, (M,) of their numbers, in this order; they are numbered anew."""
+        counts = self.counts(count)
+        size, begin = counts[masks], first_level(counts)[masks]
+        owner = owners(size)
+        index = torch.arange(len(owner), device=masks.device) - (first_level(size) - begin)[owner]
+        pixels, box = (None if one is None else one[index] for one in (self.pixels, self.box))
+        return Parts(self.profile[index], owner, self.weight[index], pixels, box)
+
+    def moved(self, device: torch.device) -> "Parts":
+        """The parts on a device."""
+        return replace(
+            self,
+            profile=self.profile.moved(device, None),
+            owner=self.owner.to(device),
+            weight=self.weight.to(device),
+            pixels=None if self.pixels is None else self.pixels.to(device),
+            box=None if self.box is None else self.box.to(device),
+        )
+
+    def steps(self) -> tuple[Tensor, Tensor, Tensor]:
+        """The steps of the mean of all parts against scale: see `ComplexityProfile.steps`."""
+        each = [self.profile[i].steps() for i in range(len(self.owner))]
+        ends = torch.unique(torch.cat([end for end, _, _ in each]))
+        middles = (ends + torch.cat([ends.new_zeros(1), ends[:-1]])) / 2
+        weight = self.weight.to(ends) / self.weight.sum()
+        values, bounds = torch.zeros_like(ends), torch.zeros_like(ends)
+        for share, (end, value, bound) in zip(weight, each, strict=True):
+            at = torch.searchsorted(end, middles)
+            values += share * value[at]
+            bounds += share * bound[at]
+        return ends, values, bounds
 
 
 def profile_of_field(field: Tensor, distance: Tensor, field_error: Tensor, measure: Measure) -> ComplexityProfile:
