@@ -46,6 +46,7 @@ from torchlinf.measure import (
     WindowOptions,
 )
 from torchlinf.measure.options import _DOCS, names_of
+from torchlinf.polygons.table import PolygonOptions
 from torchlinf.scoring.ray import ScoreMasks, score_shards
 
 MASK = shapes.disc(6)  # 13 x 13, without a part, so that every option below changes its number
@@ -285,7 +286,7 @@ ENTRIES = {
     "labels.complexity_table": Entry(
         labels.complexity_table, MeasureOptions, 1, lambda m, **o: labels.complexity_table(m.int(), **o)
     ),
-    "polygons.complexity_table": Entry(polygons.complexity_table, polygons.PolygonOptions, 1, outlined),
+    "polygons.complexity_table": Entry(polygons.complexity_table, PolygonOptions, 1, outlined),
     "regions.decision_region_complexity": Entry(
         regions.decision_region_complexity, LevelOptions, 2, lambda m, **o: regions_of(m, **o).mean()[1]
     ),

@@ -111,7 +111,7 @@ def score_geodata(
                             if journal:
                                 journal.append(part)
                         advance()
-                write_geo_table(out, parts, options, as_json)
+                write_geo_table(out, parts, options, as_json=as_json)
         finally:
             torch.set_num_threads(threads)
     _end_if_failed(sum(part.failed() for part in parts), sum(len(part.columns["row"]) for part in parts))

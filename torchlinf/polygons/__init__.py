@@ -3,6 +3,6 @@
 Needs the extra `geo` (shapely; GeoPandas and pyogrio for files).
 """
 
-from torchlinf.polygons.table import MAX_PIXELS, PolygonOptions, complexity_table
+from torchlinf.polygons.table import MAX_PIXELS, complexity_table
 
-__all__ = ["MAX_PIXELS", "PolygonOptions", "complexity_table"]
+__all__ = ["MAX_PIXELS", "complexity_table"]

@@ -116,7 +116,7 @@ def rows_in(out: Path, files: Sequence[Path], options: GeoOptions) -> tuple[int,
     return int(pd.notna(table["error"]).sum()), len(table)
 
 
-def write_geo_table(out: Path | None, parts: Sequence[GeoPart], options: GeoOptions, as_json: bool = False) -> None:
+def write_geo_table(out: Path | None, parts: Sequence[GeoPart], options: GeoOptions, *, as_json: bool = False) -> None:
     """Write a whole table in one piece, or print it.
 
     Args:

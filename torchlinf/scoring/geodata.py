@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from torchlinf import __version__
 from torchlinf._helpers.extras import require
 from torchlinf.measure import Measure
-from torchlinf.polygons import MAX_PIXELS, PolygonOptions, complexity_table
+from torchlinf.polygons import MAX_PIXELS, complexity_table
 from torchlinf.scoring.options import score_measure
 from torchlinf.scoring.values import UnreadableMaskError
 
@@ -61,7 +61,7 @@ class GeoOptions:
             pixels_per_radius=self.pixels_per_radius,
             repair=self.repair,
             max_pixels=self.max_pixels,
-            **self.measure.options(PolygonOptions),
+            **self.measure.options(),
         )
 
 
