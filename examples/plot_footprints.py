@@ -91,8 +91,9 @@ print(len(houses), "houses")
 # columns is what ``pandas.DataFrame`` takes; here two of them become columns of the town.
 
 table = complexity_table(houses, resolution=0.25, orientation="own")
-houses["complexity"] = table["complexity"]
+houses["complexity"], houses["angle"] = table["complexity"], table["angle"]
 houses["on the grid"] = complexity_table(houses, resolution=0.25)["complexity"]
+houses = houses.dropna(subset="complexity").reset_index(drop=True)  # real data hold slivers thinner than a pixel
 print(houses.groupby("form")[["on the grid", "complexity"]].median().sort_values("complexity").round(2).to_string())
 
 # %%
@@ -119,7 +120,7 @@ unfilled = 1 - momepy.rectangularity(houses)
 
 def show(ax: Axes, i: int, title: str, colour: str) -> None:
     """Draw a house in its own frame."""
-    shape = affinity.rotate(houses.geometry[i], table["angle"][i])
+    shape = affinity.rotate(houses.geometry[i], houses["angle"][i])
     west, south, east, north = shape.bounds
     side = max(east - west, north - south) * 1.1
     geopandas.GeoSeries([shape]).plot(ax=ax, color=colour, edgecolor="black", linewidth=0.8)
