@@ -264,6 +264,14 @@ def test_an_outline_without_room_for_the_radius_gives_the_nearest() -> None:
     assert resolution > 0.1
 
 
+def test_a_radius_that_needs_too_many_pixels_is_an_error() -> None:
+    fence = shapely.box(0, 0, 1000, 0.1)
+    (error,) = complexity_table([fence], pixels_per_radius=50, max_pixels=10_000)["error"]
+    assert re.fullmatch(r"\d+ x \d+ pixels at a resolution of \S+ are more than the limit of 10000, for a radius of 50 "
+                        "pixels; pass fewer pixels_per_radius", error)  # fmt: skip
+    assert complexity_table([fence], pixels_per_radius=1, max_pixels=100_000)["radius"].tolist() == [1]
+
+
 # What is wrong, and what the row says.
 BROKEN = {
     "bow tie": (BOW_TIE, r"the geometry is invalid \(Self-intersection\[1 1\]\); repair it"),

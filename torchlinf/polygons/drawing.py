@@ -134,7 +134,11 @@ def draw_at_radius(ends: NDArray[np.float64], radius: int, max_pixels: int) -> t
     best: tuple[NDArray[np.bool_], float] | None = None
     nearest = math.inf
     for _ in range(TRIALS):
-        mask = draw(ends, resolution, max_pixels)
+        try:
+            mask = draw(ends, resolution, max_pixels)
+        except TooLargeError as error:
+            text = str(error).partition(";")[0]
+            raise TooLargeError(f"{text}, for a radius of {radius} pixels; pass fewer pixels_per_radius") from error
         found = _radius(mask)
         if found and abs(found - radius) < nearest:
             best, nearest = (mask, resolution), abs(found - radius)
