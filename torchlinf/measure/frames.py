@@ -17,6 +17,7 @@ LEAST_SAVING = 0.01
 # Degrees by which the direction of the smallest rectangle is moved at most, to suit the other sides of the outline.
 MOST_MOVED = 0.5
 _EQUAL = 1e-9  # areas that differ by a smaller share of the box are equal
+_NEVER = -10.0  # radians: no side is put along an axis
 _SLACK = 1e-6  # radians: an angle on the border of what a side allows is allowed, whatever its rounding
 
 
@@ -180,7 +181,7 @@ def _own_angle(mask: NDArray[np.bool_]) -> float:
     from torchlinf.kernels.outlines import polygons, sides
 
     outlines = sides(np.pad(mask, 1))
-    found = smallest_rectangle(polygons(*outlines, 0.0, _SLACK)[0])
+    found = smallest_rectangle(polygons(*outlines, 0.0, _NEVER)[0])
     if not found.saves:
         return 0.0
     *_, lines, core = outlines
@@ -198,7 +199,7 @@ def _own_angle(mask: NDArray[np.bool_]) -> float:
         most = np.flatnonzero(agreeing == agreeing.max())
         best = most[np.argmin(np.abs(middles[most]))]
         moved = float(np.clip(0.0, ends[best], ends[best + 1]))
-    angle = round(found.angle - moved, 9)  # the rest is rounding
+    angle = round(found.angle - moved, 9) + 0.0  # the rest is rounding
     return angle - 90 if angle > 45 else angle + 90 if angle <= -45 else angle
 
 

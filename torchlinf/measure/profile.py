@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from torchlinf._helpers.checks import window
-from torchlinf.measure.entropy import segment_sum
-from torchlinf.measure.levels import Levels, first_level, level_values, owners
+from torchlinf.measure.levels import Levels, first_level, level_values, numbered, shape_of_level
 from torchlinf.measure.options import Measure
+
+UNIT = 2.0**55  # sums of levels are kept in steps of 1 / UNIT
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,8 @@ class ComplexityProfile:
         """
         if self.parts is None or self.measure.per == "mask":
             return (self.radius > 0).long()
-        return self.parts.counts(self.radius.numel()).reshape(self.radius.shape)
+        counts = torch.from_numpy(self.parts.counts(self.radius.numel()))
+        return counts.reshape(self.radius.shape).to(self.radius)
 
     def levels(self) -> list[Any] | Tensor:
         """Values of the levels themselves, without a scale grid.
@@ -124,10 +126,9 @@ class ComplexityProfile:
             ) from error
         shapes = chosen.flatten()
         size = radius[shapes]
-        of_parts = self.parts is not None
-        entries = torch.zeros_like(size) if of_parts else size
+        entries = size if self.parts is None else torch.zeros_like(size)
         entry = torch.arange(int(entries.sum()), device=radius.device)
-        entry += (first_level(radius)[shapes] - first_level(entries))[owners(entries)]
+        entry += (first_level(radius)[shapes] - first_level(entries))[shape_of_level(entries)]
         measure = self.measure
         if isinstance(measure.rho, Tensor):
             measure = replace(measure, rho=measure.rho.broadcast_to(lead)[index])
@@ -168,7 +169,7 @@ class ComplexityProfile:
         """
         low, high = window(low, high)
         if self.parts is not None:
-            return self._lead(self._pooled(self.parts.profile.mean(low, high)))
+            return self._pooled(self.parts.profile.mean(low, high))
         return self._mean_of(self.level_values, low, high)
 
     def error_bound(self, low: float = 0.0, high: float = 1.0) -> Tensor:
@@ -205,7 +206,7 @@ class ComplexityProfile:
         """
         low, high = window(low, high)
         if self.parts is not None:
-            return self._lead(self._pooled(self.parts.profile.error_bound(low, high)))
+            return self._pooled(self.parts.profile.error_bound(low, high))
         return self._mean_of(self.level_error_bound, low, high)
 
     def standard_error(self, low: float = 0.0, high: float = 1.0) -> Tensor:
@@ -231,16 +232,15 @@ class ComplexityProfile:
             >>> bool(profile.standard_error() < 0.1 * profile.mean())
             True
         """
-        each = self._by_rotation(*window(low, high)).unbind(dim=1)  # of each rotation (N,)
-        count = len(each)
-        if count == 1:
-            return self._lead(torch.full_like(each[0], torch.nan))
-        # One after the other: how `std` adds up depends on how many shapes there are.
-        mean = torch.stack([value / count for value in each]).cumsum(dim=0)[-1]
-        square = torch.stack([(value - mean) ** 2 for value in each]).cumsum(dim=0)[-1]
-        return self._lead((square / (count - 1) / count).sqrt())
+        each = self._by_rotation(*window(low, high)).T  # (rotations, N)
+        if len(each) == 1:
+            return self._lead(np.full(each.shape[1], np.nan))
+        # One after the other: the sums of NumPy's `std` depend on how many shapes there are.
+        mean = np.cumsum(each / len(each), axis=0)[-1]
+        square = np.cumsum((each - mean) ** 2, axis=0)[-1]
+        return self._lead(np.sqrt(square / (len(each) - 1) / len(each)))
 
-    def _by_rotation(self, low: float, high: float) -> Tensor:
+    def _by_rotation(self, low: float, high: float) -> NDArray[np.float64]:
         """The mean over (low, high] of each shape at each rotation, its objects pooled: (N, rotations)."""
         if self.measure.orientation != "mean" or self.parts is None:
             raise ValueError(
@@ -249,17 +249,18 @@ class ComplexityProfile:
             )
         parts = self.parts
         if self.measure.per == "mask":
-            return parts.profile.mean(low, high).reshape(-1, self.measure.rotations)
+            return parts.profile.mean(low, high).numpy(force=True).reshape(-1, self.measure.rotations)
         return parts.pooled(parts.profile._by_rotation(low, high), self.radius.numel())
 
     def _mean_of(self, of_levels: Tensor, low: float, high: float) -> Tensor:
         """Exact mean over the scales in (low, high] of one number a level."""
-        shape, number = self._numbered()
-        size = self.radius.flatten().to(of_levels)[shape]  # (sum of radius,) the D that belongs to each level
-        overlap = length_within(number, size, low, high)
-        most = torch.full_like(self.radius.flatten(), 32)  # no value exceeds 20 bits, and the lengths add up to 1
-        total = segment_sum(of_levels * overlap, shape, most) / (high - low)
-        return self._lead(total.masked_fill(self.radius.flatten() == 0, torch.nan))
+        shape, number = numbered(self.radius.flatten())
+        radius = self.radius.flatten().numpy(force=True)
+        terms = of_levels.numpy(force=True) * length_within(number, radius[shape], low, high)
+        # Summed as integers: no value exceeds 20 bits, and the lengths add up to 1.
+        found = np.full(len(radius), np.nan)
+        found[radius > 0] = _reduced(np.add, np.rint(terms * UNIT).astype(np.int64), radius) / UNIT / (high - low)
+        return self._lead(found)
 
     def peak(self) -> tuple[Tensor, Tensor]:
         """Largest level value and the scale it is reached at.
@@ -275,19 +276,19 @@ class ComplexityProfile:
         """
         if self.parts is not None:
             return self._peak_of_parts()
-        shape, number = self._numbered()
-        radius = self.radius.flatten()
-        value = self.level_values.new_full(radius.shape, torch.nan)
-        value = value.scatter_reduce(0, shape, self.level_values, "amax", include_self=False)
+        shape, number = numbered(self.radius.flatten())
+        radius, levels = (x.numpy(force=True) for x in (self.radius.flatten(), self.level_values))
+        value, scale = np.full((2, len(radius)), np.nan)
+        value[radius > 0] = _reduced(np.maximum, levels, radius)
         # Levels that do not reach the maximum stand behind every level that does.
-        rank = torch.where(self.level_values == value[shape], number, number + radius[shape])
-        first = radius.scatter_reduce(0, shape, rank, "amin", include_self=False)
-        return self._lead(value), self._lead(first / radius.to(value))
+        rank = np.where(levels == value[shape], number, number + radius[shape])
+        scale[radius > 0] = _reduced(np.minimum, rank, radius) / radius[radius > 0]
+        return self._lead(value), self._lead(scale)
 
     def _pooled(self, values: Tensor) -> Tensor:
-        """One number a mask (N,) of one number a part."""
+        """One number a mask of one number a part."""
         assert self.parts is not None
-        return self.parts.pooled(values[:, None], self.radius.numel())[:, 0]
+        return self._lead(self.parts.pooled(values.numpy(force=True)[:, None], self.radius.numel())[:, 0])
 
     def _peak_of_parts(self) -> tuple[Tensor, Tensor]:
         value = torch.full(self.radius.shape, torch.nan, dtype=self.values.dtype, device=self.values.device)
@@ -323,14 +324,8 @@ class ComplexityProfile:
         number = torch.arange(1, count + 1, device=self.level_values.device).to(self.level_values)
         return number / max(count, 1), self.level_values, self.level_error_bound
 
-    def _numbered(self) -> tuple[Tensor, Tensor]:
-        """For each entry of `level_values` its shape in the flattened batch, and its level k."""
-        radius = self.radius.flatten()
-        shape = owners(radius)
-        return shape, torch.arange(1, len(shape) + 1, device=radius.device) - first_level(radius)[shape]
-
-    def _lead(self, flat: Tensor) -> Tensor:
-        return flat.reshape(self.radius.shape).to(self.values.dtype)
+    def _lead(self, flat: NDArray[np.float64]) -> Tensor:
+        return torch.from_numpy(flat).to(self.values.dtype).to(self.values.device).reshape(self.radius.shape)
 
     def moved(self, device: torch.device, dtype: torch.dtype | None) -> "ComplexityProfile":
         """A profile of float64 on the CPU brought to a device, its values in `dtype`."""
@@ -390,51 +385,53 @@ class Parts:
         begin = torch.searchsorted(self.owner, self.owner)
         return torch.arange(1, len(self.owner) + 1, device=self.owner.device) - begin
 
-    def counts(self, masks: int) -> Tensor:
-        """(masks,) int64: how many parts each mask has."""
-        return torch.zeros(masks, dtype=torch.int64, device=self.owner.device).index_add(
-            0, self.owner, torch.ones_like(self.owner)
-        )
+    def counts(self, masks: int) -> NDArray[np.int64]:
+        """(masks,) how many parts each mask has."""
+        return np.bincount(self.owner.numpy(force=True), minlength=masks)
 
-    def pooled(self, values: Tensor, masks: int) -> Tensor:
+    def pooled(self, values: NDArray[np.float64], masks: int) -> NDArray[np.float64]:
         """The weighted mean of the numbers of the parts of each mask.
 
         It does not depend on the order of the parts. The numbers of a single part are kept to the last bit. The
         rotations of an empty mask are NaN, and so is their mean.
 
         Args:
-            values: (P, L), any count of numbers a part.
+            values: (P, L), any count of numbers a part, in [0, 32) as those of all levels are.
             masks: how many masks there are.
 
         Returns:
             (masks, L); NaN for a mask without parts.
         """
-        length = values.shape[1]
-        counts, column = self.counts(masks), torch.arange(length, device=values.device)
-        total = torch.zeros_like(counts).index_add(0, self.owner, self.weight)
-        terms = values.nan_to_num(nan=0.0) * self.weight.to(values)[:, None]
-        # No value exceeds 32, as no level does.
-        bound = (32 * total)[:, None].expand(-1, length).flatten()
-        summed = segment_sum(terms.flatten(), (self.owner[:, None] * length + column).flatten(), bound)
-        mean = summed.reshape(masks, length) / total.to(values)[:, None]
-        alone = (counts == 1)[self.owner]
-        mean[self.owner[alone]] = values[alone]
-        empty = torch.zeros_like(counts).index_add(0, self.owner, values.isnan().any(dim=1).long()) > 0
-        return mean.masked_fill(((counts == 0) | empty)[:, None], torch.nan)
+        owner, weight, counts = self.owner.numpy(force=True), self.weight.numpy(force=True), self.counts(masks)
+        total = np.bincount(owner, weight, masks)
+        # Summed as integers, of which none exceeds 2^61.
+        unit = np.ldexp(1.0, 61 - np.frexp(32 * total)[1])[owner, None]
+        terms = np.rint(np.nan_to_num(values) * weight[:, None] * unit).astype(np.int64)
+        mean = np.full((masks, values.shape[1]), np.nan)
+        some = counts > 0
+        mean[some] = _reduced(np.add, terms, counts) / _reduced(np.maximum, unit, counts) / total[some, None]
+        alone = counts[owner] == 1
+        mean[owner[alone]] = values[alone]
+        mean[owner[np.isnan(values).any(axis=1)]] = np.nan
+        return mean
 
     def total(self, values: Tensor, masks: int) -> Tensor:
         """The sum of one number a part, for each mask."""
-        return values.new_zeros(masks).index_add(0, self.owner.to(values.device), values)
+        found = np.bincount(self.owner.numpy(force=True), values.numpy(force=True), masks)
+        return torch.from_numpy(found).to(values)
 
     def largest(self, values: Tensor, masks: int) -> Tensor:
         """The largest of one number of 0 or more a part, for each mask; 0 for a mask without parts."""
-        return values.new_zeros(masks).scatter_reduce(0, self.owner, values, "amax")
+        counts = self.counts(masks)
+        found = np.zeros(masks)
+        found[counts > 0] = _reduced(np.maximum, values.numpy(force=True), counts)
+        return torch.from_numpy(found).to(values)
 
     def select(self, masks: Tensor, count: int) -> "Parts":
         """The parts of some of the masks, (M,) of their numbers, in this order; they are numbered anew."""
-        counts = self.counts(count)
+        counts = torch.from_numpy(self.counts(count)).to(masks.device)
         size, begin = counts[masks], first_level(counts)[masks]
-        owner = owners(size)
+        owner = shape_of_level(size)
         index = torch.arange(len(owner), device=masks.device) - (first_level(size) - begin)[owner]
         pixels, box = (None if one is None else one[index] for one in (self.pixels, self.box))
         return Parts(self.profile[index], owner, self.weight[index], pixels, box)
@@ -515,10 +512,10 @@ def profile_of_levels(
 
 def at_scales(found: Tensor, radius: Tensor, scales: Tensor) -> Tensor:
     """Look up level k = ceil(t D) of each shape for each scale t: (N, L), NaN where the radius is 0."""
-    size = radius[:, None]  # (N, 1)
-    level = torch.minimum((scales * size).ceil().long().clamp(min=1), size)  # (N, L)
-    position = torch.where(size > 0, first_level(radius)[:, None] + level - 1, len(found))
-    return torch.cat([found, found.new_full((1,), torch.nan)])[position]
+    size = radius.numpy(force=True)[:, None]  # (N, 1)
+    level = np.clip(np.ceil(scales.numpy(force=True) * size).astype(np.int64), 1, np.maximum(size, 1))  # (N, L)
+    position = np.where(size > 0, np.cumsum(size)[:, None] - size + level - 1, len(found))
+    return torch.from_numpy(np.append(found.numpy(force=True), np.nan)[position]).to(found)
 
 
 def scale_grid(scales: Tensor | ArrayLike | None) -> tuple[Tensor, Tensor]:
@@ -550,23 +547,30 @@ def scale_grid(scales: Tensor | ArrayLike | None) -> tuple[Tensor, Tensor]:
     return scales, (scales * (0.51 * eps)).clamp(min=1e-9)
 
 
-def length_within(level: Tensor, radius: Tensor, low: float, high: float) -> Tensor:
+def length_within(level: NDArray[np.int64], radius: NDArray[np.int64], low: float, high: float) -> NDArray[np.float64]:
     """Length of the scales in (low, high] that belong to a level: of ((k-1)/D, k/D] ∩ (low, high].
 
     Args:
         level: k, any shape.
-        radius: D, floating point, broadcast with it.
+        radius: D, broadcast with it.
         low: lower end of the window.
         high: its upper end.
 
     Returns:
-        Tensor of the dtype of `radius`, in [0, 1/D].
+        Array in [0, 1/D].
 
     Example:
-        >>> length_within(torch.arange(1, 5), torch.tensor(4.0), 0.375, 1.0)
-        tensor([0.0000, 0.1250, 0.2500, 0.2500])
+        >>> length_within(np.arange(1, 5), np.array(4), 0.375, 1.0)
+        array([0.   , 0.125, 0.25 , 0.25 ])
     """
-    return ((level / radius).clamp(max=high) - ((level - 1) / radius).clamp(min=low)).clamp(min=0.0)
+    length: NDArray[np.float64] = np.minimum(level / radius, high) - np.maximum((level - 1) / radius, low)
+    return length.clip(min=0)
+
+
+def _reduced(function: np.ufunc, of_levels: NDArray[Any], radius: NDArray[np.int64]) -> NDArray[Any]:
+    """One number for each shape that is not empty, from all of its levels."""
+    sizes = radius[radius > 0]
+    return function.reduceat(of_levels, np.cumsum(sizes) - sizes) if len(sizes) else of_levels[:0]
 
 
 def _nest(parts: Sequence[Tensor], lead: tuple[int, ...]) -> list[Any] | Tensor:
