@@ -1,7 +1,8 @@
 """`torchlinf score`: a table of masks."""
 
 import re
-from collections.abc import Mapping
+import sys
+from collections.abc import Collection, Iterable
 from contextlib import closing
 from typing import TYPE_CHECKING
 
@@ -28,7 +29,7 @@ from torchlinf.cli.options import (
     Volume,
     Workers,
 )  # fmt: skip
-from torchlinf.cli.outputs import STATUS, check_out, end_if_failed, endings, refuse_source
+from torchlinf.cli.outputs import STATUS, check_out, end_if_failed, endings, is_standard_output, refuse_source, say
 from torchlinf.cli.progress import cores, progress
 from torchlinf.cli.score_geodata import takes_geodata
 from torchlinf.scoring import COLUMNS, MAX_PIXELS, RULE, WINDOWS
@@ -88,7 +89,8 @@ def score(
 
         if as_json or overwrite or retry:
             raise typer.BadParameter("it always goes on in its folder, of Parquet files", param_hint="--ray")
-        score_on_ray(paths, out, ray, workers or cores(), options, progress)
+        with endings(None):
+            score_on_ray(paths, out, ray, workers or cores(), options, progress)
         return
     check_out(out, as_json, overwrite, retry)
     failed = 0
@@ -96,24 +98,31 @@ def score(
         sources = find_sources(paths, members)
         refuse_source(out, sources)
         with open_table(out, as_json=as_json, resume=not overwrite, retry=retry, **options.measuring) as put:
-            done = _sources_of(put.done) if labels or stack or measure.per == "object" else put.done
+            names = {source.name for source in sources}
+            held, failures = _by_source(put.done, names), _by_source(put.failed, names)
+            done = held.keys() - failures.keys()
             new = [source for source in sources if source.name not in done]
-            failed += sum(done.get(source.name) is not None for source in sources)
+            failed += sum(any(put.done[path] is not None for path in held[name]) for name in done & names)
             if before := len(sources) - len(new):
-                typer.echo(f"{before} of {len(sources)} masks are in {out} already.", err=True)
+                say(f"{before} of {len(sources)} masks are in {out} already.")
             groups = score_groups(new, options, workers=workers or cores())
-            with closing(groups), progress(before, len(sources), shown=out is not None or not as_json) as advance:
-                for rows in groups:
-                    put(*rows)
+            streams = is_standard_output(out) and (as_json or out is not None) and sys.stdout.isatty()
+            with closing(groups), progress(before, len(sources), shown=not streams) as advance:
+                for source, rows in zip(new, groups, strict=True):
+                    replaced = {*held.get(source.name, ()), *failures.get(source.name, ())}
+                    put(*rows, instead_of=sorted(replaced - {row.path for row in rows}))
                     failed += any(row.error is not None for row in rows)
                     advance()
-    end_if_failed(failed, len(sources), "" if out is None or retry else " --retry scores them again.")
+    end_if_failed(failed, len(sources), "" if is_standard_output(out) or retry else " --retry scores them again.")
 
 
-def _sources_of(done: Mapping[str, str | None]) -> dict[str, str | None]:
-    """The sources of rows named by a page, a label and an object, as stack.npy[3]#15@2, and the last error of each."""
-    names: dict[str, str | None] = {}
-    for name, error in done.items():
-        source = re.sub(r"(\[\d+\])?(#\d+)?(@\d+)?$", "", name, count=1)
-        names[source] = names.get(source) or error
-    return names
+def _by_source(paths: Iterable[str], names: Collection[str]) -> dict[str, list[str]]:
+    """Paths of rows by their source; the names of pages, labels and objects stand behind its own: stack.npy[3]#15@2."""
+    sources: dict[str, list[str]] = {}
+    for path in paths:
+        of_mask = re.sub(r"@\d+$", "", path)
+        shorter = re.sub(r"#\d+$", "", of_mask)
+        shortest = re.sub(r"\[\d+\]$", "", shorter)
+        name = next((name for name in (path, of_mask, shorter, shortest) if name in names), shortest)
+        sources.setdefault(name, []).append(path)
+    return sources

@@ -1,5 +1,6 @@
 """Masks in files and archives in, one row of numbers a mask out. A bad mask gives a row with an error."""
 
+import os
 import time
 from collections.abc import Collection, Generator, Iterable, Iterator
 from contextlib import closing
@@ -181,6 +182,8 @@ def score_groups(
     sources: Iterable[Source], options: ScoreOptions, *, workers: int = 1, isolated: bool = False
 ) -> Generator[list[Score]]:
     """As `score_each`, with the rows of a source in one list."""
+    if isinstance(sources, str | os.PathLike | Source):
+        raise TypeError(f"sources must be what find_masks found; got {sources!r}. Pass find_masks(paths).")
     return in_order(
         partial(score_rows, options=options),
         sources,
