@@ -173,6 +173,15 @@ def test_a_layer_without_outlines_has_no_rows(folder: Path) -> None:
         assert {"path", "year", "complexity", "error"} <= set(table.columns)
 
 
+@pytest.mark.parametrize("suffix", [".gpkg", ".geojson", ".shp", ".parquet"])
+@pytest.mark.usefixtures("parts_of_two")
+def test_the_parts_of_a_file_are_known_from_its_header(folder: Path, suffix: str) -> None:
+    path = write(town(7).to_crs("EPSG:4326"), folder / f"town{suffix}")
+    assert geodata.number_of_parts(path, None) == 4
+    assert len(list(geodata.parts_of(path, geodata.GeoOptions(resolution=1.0, crs=UTM), {}))) == 4
+    assert geodata.number_of_parts(folder / f"missing{suffix}", None) == 1
+
+
 def test_layers(folder: Path) -> None:
     write(town(3), folder / "town.gpkg", layer="houses")
     write(town(5), folder / "town.gpkg", layer="sheds", mode="a")

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from torchlinf.cli.outputs import endings, folder_problem
+from torchlinf.cli.outputs import endings, folder_problem, say
 from torchlinf.cli.progress import cores, progress
 
 OPTIONS: Mapping[str, Any] = {
@@ -88,14 +88,14 @@ def score_geodata(
     """
     import torch
 
-    from torchlinf.scoring import GeoOptions, open_journal, parts_of, rows_in, write_geo_table
+    from torchlinf.scoring import GeoOptions, number_of_parts, open_journal, parts_of, rows_in, write_geo_table
 
     _check_out(out, files, as_json, overwrite)
     with endings(out):
         options = GeoOptions(**drawing, max_pixels=max_pixels, measure=measure)
         _check(options)
         if out is not None and not overwrite and (found := rows_in(out, files, options)) is not None:
-            typer.echo(f"The table {out} is there already, with {found[1]} rows.", err=True)
+            say(f"The table {out} is there already, with {found[1]} rows.")
             _end_if_failed(*found)
             return
         files = list(dict.fromkeys(files))
@@ -104,13 +104,14 @@ def score_geodata(
         torch.set_num_threads(workers)
         try:
             with open_journal(out, options, overwrite) as journal:
-                with progress(0, len(files), out is not None) as advance:
+                steps = sum(number_of_parts(file, options.layer) for file in files)
+                with progress(0, steps, out is not None) as advance:
                     for file in files:
                         for part in parts_of(file, options, journal.done.get(str(file), {}) if journal else {}):
                             parts.append(part)
                             if journal:
                                 journal.append(part)
-                        advance()
+                            advance()
                 write_geo_table(out, parts, options, as_json=as_json)
         finally:
             torch.set_num_threads(threads)
@@ -119,7 +120,7 @@ def score_geodata(
 
 def _end_if_failed(failed: int, total: int) -> None:
     if failed:
-        typer.echo(f"{failed} of {total} rows have no numbers; the column 'error' says why.", err=True)
+        say(f"{failed} of {total} rows have no numbers; the column 'error' says why.")
         raise typer.Exit(1)
 
 

@@ -13,6 +13,7 @@ from .geodata import GEO_SUFFIXES as GEO_SUFFIXES
 from .geodata import GeoOptions as GeoOptions
 from .geodata import GeoPart as GeoPart
 from .geodata import is_geodata as is_geodata
+from .geodata import number_of_parts as number_of_parts
 from .geodata import parts_of as parts_of
 from .journal import JOURNAL as JOURNAL
 from .mask_rules import MAX_PIXELS as MAX_PIXELS

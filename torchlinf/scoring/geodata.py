@@ -6,6 +6,7 @@ GeoPackage, GeoJSON, Shapefile and GeoParquet. Needs the extra `geo` (GeoPandas,
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -143,6 +144,20 @@ def project(frame: "GeoDataFrame", crs: str | None) -> "GeoDataFrame":
         return frame.to_crs(frame.estimate_utm_crs() if crs.lower() == "utm" else crs)
     except Exception as error:  # of pyproj, and of GeoPandas where there is nothing to estimate a zone from
         raise UnreadableMaskError(f"cannot be projected to {crs} ({type(error).__name__}: {error})") from error
+
+
+def number_of_parts(file: Path, layer: str | None) -> int:
+    """How many parts a file will be measured in, as far as its header says it; for a bar that shows the progress."""
+    try:
+        if file.suffix.lower() == ".parquet":
+            outlines = require("pyarrow.parquet", "reading GeoParquet", "geo").read_metadata(file).num_rows
+        else:
+            outlines = require("pyogrio", "reading outlines", "geo").read_info(file, layer=layer)["features"]
+    except ImportError:
+        raise
+    except Exception:  # what is wrong with the file is said when it is read
+        return 1
+    return max(ceil(outlines / PART), 1)
 
 
 def parts_of(file: Path, options: GeoOptions, done: Mapping[int, GeoPart]) -> Iterator[GeoPart]:
