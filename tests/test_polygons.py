@@ -199,6 +199,7 @@ def test_small_polygons_can_be_left_out() -> None:
     pooled = complexity_table([whole], resolution=0.5, per="object", min_pixels=5, pool="mean")
     assert pooled["objects"].tolist() == [1]
     assert pooled["area"][0] == pytest.approx(whole.area)
+    assert pooled["seconds"][0] > 0
     none = complexity_table([whole], resolution=0.5, per="object", min_pixels=500, pool="mean")
     assert none["error"].tolist() == ["every polygon has fewer pixels than min_pixels"]
     assert np.isnan(none["complexity"][0])

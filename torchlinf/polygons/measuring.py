@@ -89,8 +89,9 @@ def measured(shapes: Column, broken: Column, drawing: Drawing, measure: Measure)
         elif errors[i] is None and not drawn[i]:
             errors[i] = _too_small(sides[i, 0], bounds[i])
     failed = np.array([error is not None for error in errors], dtype=np.bool_)
-    for column in found.values():
-        column[failed] = 0 if column.dtype.kind == "i" else np.nan  # seconds too: no time was taken for a number
+    for name, column in found.items():
+        if name != "seconds":
+            column[failed] = 0 if column.dtype.kind == "i" else np.nan
     found |= {"area": shapely.area(shapes), "pixels": pixels[:, 0], "error": errors, DRAWN: ~np.isnan(sides[:, 0])}
     return found
 
