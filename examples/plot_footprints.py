@@ -20,6 +20,8 @@ import momepy
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from scipy.stats import rankdata, spearmanr
 from shapely import Polygon, affinity, box
 
@@ -124,8 +126,12 @@ def show(ax: Axes, i: int, title: str, colour: str) -> None:
     shape = affinity.rotate(houses.geometry[i], houses["angle"][i])
     west, south, east, north = shape.bounds
     side = max(east - west, north - south) * 1.1
-    geopandas.GeoSeries([shape]).plot(ax=ax, color=colour, edgecolor="black", linewidth=0.8)
+    # GeoSeries.plot would do, but draws the whole figure anew for every house.
+    rings = shapely.get_rings(shapely.get_parts(shapely.orient_polygons(shape)))
+    outline = Path.make_compound_path(*(Path(shapely.get_coordinates(ring), closed=True) for ring in rings))
+    ax.add_patch(PathPatch(outline, facecolor=colour, edgecolor="black", linewidth=0.8))
     ax.set(
+        aspect="equal",
         xlim=((west + east - side) / 2, (west + east + side) / 2),
         ylim=((south + north - side) / 2, (south + north + side) / 2),
     )
