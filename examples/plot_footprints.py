@@ -211,6 +211,6 @@ plt.show()
 # round, the complexity says nothing of proportions: all boxes have 0 bits, long or square. For that,
 # ``momepy.elongation`` is the measure.
 #
-# One courtyard of the made-up town has 1.6 bits, where the others have 0. Its walls of 5.2 metres are 20 and 21 pixels
+# One courtyard of the made-up town has 1.6 bits, where the others have 0. Its walls of 5.1 metres are 20 and 21 pixels
 # thick, as the grid falls, and two thicknesses are two values on every level. So ask whether a number holds at another
 # resolution, too.
