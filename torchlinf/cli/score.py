@@ -117,12 +117,12 @@ def score(
 
 
 def _by_source(paths: Iterable[str], names: Collection[str]) -> dict[str, list[str]]:
-    """Paths of rows by their source; the names of pages, labels and objects stand behind its own: stack.npy[3]#15@2."""
+    """Paths of rows by their source; a page, a label and an object may be behind its name, as stack.npy[3]#15@2."""
     sources: dict[str, list[str]] = {}
     for path in paths:
-        of_mask = re.sub(r"@\d+$", "", path)
-        shorter = re.sub(r"#\d+$", "", of_mask)
-        shortest = re.sub(r"\[\d+\]$", "", shorter)
-        name = next((name for name in (path, of_mask, shorter, shortest) if name in names), shortest)
+        shorter = [path]
+        for behind in (r"@\d+$", r"#\d+$", r"\[\d+\]$"):
+            shorter.append(re.sub(behind, "", shorter[-1]))
+        name = next((name for name in shorter if name in names), shorter[-1])
         sources.setdefault(name, []).append(path)
     return sources

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from torchlinf._helpers.boxes import bounding_box
 from torchlinf._helpers.checks import positive_tensor
+from torchlinf.kernels import has_compiler
 from torchlinf.measure.frames import own_angle, turned
 from torchlinf.measure.levels import Levels, MaskAt, levels_of_each
 from torchlinf.measure.options import SEVERAL, Measure
@@ -99,6 +100,10 @@ def require_connectivity(connectivity: int | None, ndim: int) -> None:
 def require_frame(measure: Measure, ndim: int) -> None:
     """Raise if shapes of so many dimensions cannot be turned as the measure says."""
     orientation = measure.orientation
+    if ndim == 2 and orientation is not None and not has_compiler():
+        raise ImportError(
+            "orientation turns images by kernels that numba compiles, which is not installed. Run: pip install numba"
+        )
     if orientation is None or ndim == (3 if isinstance(orientation, tuple) else 2):
         return
     if isinstance(orientation, tuple):

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from torchlinf._helpers.checks import window
-from torchlinf.measure.levels import Levels, first_level, level_values, numbered, shape_of_level
+from torchlinf.measure.levels import Levels, level_values, numbered
 from torchlinf.measure.options import Measure
 
 UNIT = 2.0**55  # sums of levels are kept in steps of 1 / UNIT
@@ -117,31 +117,29 @@ class ComplexityProfile:
             (tensor(0.8227, dtype=torch.float64), tensor([7]))
         """
         radius, lead = self.radius.flatten(), tuple(self.radius.shape)
-        numbers = torch.arange(len(radius), device=radius.device).reshape(lead)
+        numbers = torch.from_numpy(np.arange(len(radius))).to(radius.device).reshape(lead)
         try:
             chosen = numbers[index]
         except (IndexError, TypeError) as error:
             raise IndexError(
                 f"index must select from the leading shape {lead}; got {index!r}. Pass integers or slices."
             ) from error
-        shapes = chosen.flatten()
-        size = radius[shapes]
-        entries = size if self.parts is None else torch.zeros_like(size)
-        entry = torch.arange(int(entries.sum()), device=radius.device)
-        entry += (first_level(radius)[shapes] - first_level(entries))[shape_of_level(entries)]
+        shapes, lead = chosen.flatten().numpy(force=True), tuple(chosen.shape)
+        sizes = radius.numpy(force=True) if self.parts is None else np.zeros(len(radius), np.int64)
+        entry = _entries(sizes, shapes)
         measure = self.measure
         if isinstance(measure.rho, Tensor):
-            measure = replace(measure, rho=measure.rho.broadcast_to(lead)[index])
+            measure = replace(measure, rho=measure.rho.broadcast_to(self.radius.shape)[index])
         return ComplexityProfile(
             scales=self.scales,
-            values=self.values.reshape(-1, len(self.scales))[shapes].reshape(*chosen.shape, len(self.scales)),
-            radius=size.reshape(chosen.shape),
-            field_error_bound=self.field_error_bound.flatten()[shapes].reshape(chosen.shape),
-            level_values=self.level_values[entry],
-            level_error_bound=self.level_error_bound[entry],
+            values=_taken(self.values.reshape(-1, len(self.scales)), shapes).reshape(*lead, len(self.scales)),
+            radius=_taken(radius, shapes).reshape(lead),
+            field_error_bound=_taken(self.field_error_bound.flatten(), shapes).reshape(lead),
+            level_values=_taken(self.level_values, entry),
+            level_error_bound=_taken(self.level_error_bound, entry),
             measure=measure,
-            seconds=self.seconds.flatten()[shapes.cpu()].reshape(chosen.shape),
-            angle=None if self.angle is None else self.angle.flatten()[shapes.cpu()].reshape(chosen.shape),
+            seconds=_taken(self.seconds.flatten(), shapes).reshape(lead),
+            angle=None if self.angle is None else _taken(self.angle.flatten(), shapes).reshape(lead),
             parts=None if self.parts is None else self.parts.select(shapes, len(radius)),
         )
 
@@ -427,14 +425,14 @@ class Parts:
         found[counts > 0] = _reduced(np.maximum, values.numpy(force=True), counts)
         return torch.from_numpy(found).to(values)
 
-    def select(self, masks: Tensor, count: int) -> "Parts":
+    def select(self, masks: NDArray[np.int64], count: int) -> "Parts":
         """The parts of some of the masks, (M,) of their numbers, in this order; they are numbered anew."""
-        counts = torch.from_numpy(self.counts(count)).to(masks.device)
-        size, begin = counts[masks], first_level(counts)[masks]
-        owner = shape_of_level(size)
-        index = torch.arange(len(owner), device=masks.device) - (first_level(size) - begin)[owner]
-        pixels, box = (None if one is None else one[index] for one in (self.pixels, self.box))
-        return Parts(self.profile[index], owner, self.weight[index], pixels, box)
+        counts = self.counts(count)
+        index = _entries(counts, masks)
+        owner = torch.from_numpy(np.repeat(np.arange(len(masks)), counts[masks])).to(self.owner.device)
+        pixels, box = (None if one is None else _taken(one, index) for one in (self.pixels, self.box))
+        profile = self.profile[torch.from_numpy(index).to(self.owner.device)]
+        return Parts(profile, owner, _taken(self.weight, index), pixels, box)
 
     def moved(self, device: torch.device) -> "Parts":
         """The parts on a device."""
@@ -565,6 +563,24 @@ def length_within(level: NDArray[np.int64], radius: NDArray[np.int64], low: floa
     """
     length: NDArray[np.float64] = np.minimum(level / radius, high) - np.maximum((level - 1) / radius, low)
     return length.clip(min=0)
+
+
+def _entries(sizes: NDArray[np.int64], chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where the entries of those that are chosen stand in a flat list, of which each has so many.
+
+    >>> _entries(np.array([2, 0, 3]), np.array([2, 0]))
+    array([2, 3, 4, 0, 1])
+    """
+    size = sizes[chosen]
+    shift = (np.cumsum(sizes) - sizes)[chosen] - (np.cumsum(size) - size)
+    return np.arange(size.sum()) + np.repeat(shift, size)
+
+
+def _taken(values: Tensor, index: NDArray[np.int64]) -> Tensor:
+    """Rows of a tensor; by NumPy on the CPU, which starts no threads of OpenMP, see `torchlinf._helpers.parallel`."""
+    if values.device.type != "cpu":
+        return values[torch.from_numpy(index).to(values.device)]
+    return torch.from_numpy(values.numpy()[index])
 
 
 def _reduced(function: np.ufunc, of_levels: NDArray[Any], radius: NDArray[np.int64]) -> NDArray[Any]:
