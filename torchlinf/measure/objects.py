@@ -243,35 +243,36 @@ def _in_frames(
         grid: what `scale_grid` gives.
     """
     several = rotations_of(measure)
-    levels, angles, lengths = [], [np.zeros(0)], []
+    levels, turns, lengths = [], [np.zeros(0)], [np.zeros(0)]
     for shape_at, masks in batches:
-        turns = np.zeros(len(masks) * several)
+        turned_by = np.zeros(len(masks) * several)
         rho: Any = measure.rho
         if rhos is not None:
-            rho = torch.tensor([rhos[i] for i in masks for _ in range(several)], dtype=torch.float64, device="cpu")
-            lengths.append(rho)
-        levels.append(_solved(shape_at, turns, replace(measure, rho=rho)))
-        angles.append(turns)
-    turned_by = torch.from_numpy(np.concatenate(angles))
-    alone = measure.plain() if measure.orientation == "mean" else measure
-    if lengths:
-        alone = replace(alone, rho=torch.cat(lengths))
-    profile = profile_of_levels(_joined(levels), (len(turned_by),), alone, grid)
-    if measure.orientation is not None and not isinstance(measure.orientation, tuple):
-        profile = replace(profile, angle=turned_by)
-    whole = (len(turned_by) // several,) if lead is None else lead
-    first = torch.arange(0, len(turned_by), several, device="cpu")
+            lengths.append(np.array([rhos[i] for i in masks for _ in range(several)], dtype=np.float64))
+            rho = torch.from_numpy(lengths[-1])
+        levels.append(_solved(shape_at, turned_by, replace(measure.plain(), rho=rho), measure))
+        turns.append(turned_by)
+    found, angle, count = _joined(levels), torch.from_numpy(np.concatenate(turns)), len(np.concatenate(turns))
+    length: Any = measure.rho if rhos is None else torch.from_numpy(np.concatenate(lengths))
+    whole = (count // several,) if lead is None else lead
+    if rhos is not None and lead is None:
+        measure = replace(measure, rho=length[::several])
+    has_angle = measure.orientation is not None and not isinstance(measure.orientation, tuple)
+    if measure.orientation not in SEVERAL:
+        profile = profile_of_levels(found, whole, measure, grid)
+        return replace(profile, angle=angle.reshape(whole)) if has_angle else profile
+    each = replace(profile_of_levels(found, (count,), replace(measure.plain(), rho=length), grid), angle=angle)
+    first = np.arange(0, count, several)
     if measure.orientation == "mean":
-        owner = torch.from_numpy(np.arange(len(turned_by)) // several)
-        parts = Parts(profile, owner, torch.from_numpy(np.ones_like(owner)), None, None)
-        return pooled(parts, whole, measure)
-    if measure.orientation == "least":
-        means = np.nan_to_num(profile.mean(measure.low, measure.high).numpy(), nan=np.inf).reshape(-1, several)
-        first = first + torch.from_numpy(means.argmin(axis=1) if len(first) else np.zeros(0, np.int64))
-    return replace(profile[first.reshape(whole)], measure=measure)
+        owner = torch.from_numpy(np.arange(count) // several)
+        return pooled(Parts(each, owner, torch.from_numpy(np.ones(count, np.int64)), None, None), whole, measure)
+    means = np.nan_to_num(each.mean(measure.low, measure.high).numpy(), nan=np.inf).reshape(-1, several)
+    least = torch.from_numpy(first + means.argmin(axis=1) if count else first).reshape(whole)
+    seconds = torch.from_numpy(each.seconds.numpy().reshape(-1, several).sum(axis=1)).reshape(whole)
+    return replace(each[least], measure=measure, seconds=seconds)
 
 
-def _solved(shape_at: MaskAt, turns: NDArray[np.float64], measure: Measure) -> Levels:
+def _solved(shape_at: MaskAt, turns: NDArray[np.float64], plain: Measure, measure: Measure) -> Levels:
     """The levels of every shape in each of its frames; fills in by how many degrees each is turned."""
     several = rotations_of(measure)
 
@@ -282,7 +283,7 @@ def _solved(shape_at: MaskAt, turns: NDArray[np.float64], measure: Measure) -> L
             shape, turns[i] = in_frame(shape, measure, i % several)
         return shape
 
-    return levels_of_each(part_at, len(turns), (len(turns),), measure.plain())
+    return levels_of_each(part_at, len(turns), (len(turns),), plain)
 
 
 def pooled(parts: Parts, lead: tuple[int, ...], measure: Measure) -> ComplexityProfile:

@@ -1,6 +1,6 @@
 """Complexity against scale: the profile of shapes, and its exact mean over a window of scales."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -292,7 +292,7 @@ class ComplexityProfile:
         value = torch.full(self.radius.shape, torch.nan, dtype=self.values.dtype, device=self.values.device)
         scale = value.clone()
         for index in (self.radius > 0).nonzero().tolist():
-            ends, values, _ = self[tuple(index)].steps()
+            ends, values, _ = (self if self.radius.numel() == 1 else self[tuple(index)]).steps()
             value[tuple(index)], scale[tuple(index)] = values.max(), ends[values.argmax()]
         return value, scale
 
@@ -447,8 +447,8 @@ class Parts:
 
     def steps(self) -> tuple[Tensor, Tensor, Tensor]:
         """The steps of the mean of all parts against scale: see `ComplexityProfile.steps`."""
-        each = [self.profile[i].steps() for i in range(len(self.owner))]
-        ends = torch.unique(torch.cat([end for end, _, _ in each]))
+        each = list(self._steps_of_each())
+        ends = torch.unique(torch.cat([self.profile.level_values.new_zeros(0), *(end for end, _, _ in each)]))
         middles = (ends + torch.cat([ends.new_zeros(1), ends[:-1]])) / 2
         weight = self.weight.to(ends) / self.weight.sum()
         values, bounds = torch.zeros_like(ends), torch.zeros_like(ends)
@@ -457,6 +457,15 @@ class Parts:
             values += share * value[at]
             bounds += share * bound[at]
         return ends, values, bounds
+
+    def _steps_of_each(self) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
+        if self.profile.parts is not None:
+            yield from (self.profile[i].steps() for i in range(len(self.owner)))
+            return
+        sizes = self.profile.radius.tolist()
+        levels = self.profile.level_values.split(sizes), self.profile.level_error_bound.split(sizes)
+        for size, values, bounds in zip(sizes, *levels, strict=True):
+            yield torch.arange(1, size + 1, device=values.device).to(values) / max(size, 1), values, bounds
 
 
 def profile_of_field(field: Tensor, distance: Tensor, field_error: Tensor, measure: Measure) -> ComplexityProfile:
