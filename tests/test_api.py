@@ -30,6 +30,7 @@ def test_the_public_names() -> None:
         "metrics",
         "order",
         "plot",
+        "polygons",
         "regions",
         "samplers",
         "scoring",

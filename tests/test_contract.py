@@ -21,7 +21,20 @@ from torch import Tensor, nn
 from typer.testing import CliRunner
 
 import torchlinf
-from torchlinf import Measure, decompose, labels, losses, metrics, order, plot, regions, scoring, shapes, transforms
+from torchlinf import (
+    Measure,
+    decompose,
+    labels,
+    losses,
+    metrics,
+    order,
+    plot,
+    polygons,
+    regions,
+    scoring,
+    shapes,
+    transforms,
+)
 from torchlinf.cli.app import app
 from torchlinf.measure import (
     GridOptions,
@@ -33,6 +46,7 @@ from torchlinf.measure import (
     WindowOptions,
 )
 from torchlinf.measure.options import _DOCS, names_of
+from torchlinf.polygons.table import PolygonOptions
 from torchlinf.scoring.ray import ScoreMasks, score_shards
 
 MASK = shapes.disc(6)  # 13 x 13, without a part, so that every option below changes its number
@@ -139,6 +153,15 @@ class Entry:
     changed: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     slow: bool = False
     documented: bool = True
+
+
+def outlined(mask: Tensor, **options: Any) -> Any:
+    """The table of the outline of a mask. In another frame it is drawn anew, so there it has numbers of its own."""
+    shapely = pytest.importorskip("shapely")
+    rows, columns = mask.nonzero().T.numpy(force=True)
+    outline = shapely.union_all(shapely.box(columns, -rows - 1, columns + 1, -rows))
+    table = polygons.complexity_table([outline], resolution=1.0, **options)
+    return float("nan") if set(options) & set(PARTS) else table
 
 
 SCORED = {"windows": scoring.WINDOWS}
@@ -263,6 +286,7 @@ ENTRIES = {
     "labels.complexity_table": Entry(
         labels.complexity_table, MeasureOptions, 1, lambda m, **o: labels.complexity_table(m.int(), **o)
     ),
+    "polygons.complexity_table": Entry(polygons.complexity_table, PolygonOptions, 1, outlined),
     "regions.decision_region_complexity": Entry(
         regions.decision_region_complexity, LevelOptions, 2, lambda m, **o: regions_of(m, **o).mean()[1]
     ),

@@ -17,6 +17,9 @@ from . import (
     plot as plot,
 )
 from . import (
+    polygons as polygons,
+)
+from . import (
     regions as regions,
 )
 from . import (

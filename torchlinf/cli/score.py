@@ -1,10 +1,9 @@
 """`torchlinf score`: a table of masks."""
 
-import os
 import re
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Collection, Iterable
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,6 +43,8 @@ from torchlinf.cli.outputs import (
     refuse_source,
     say,
 )  # fmt: skip
+from torchlinf.cli.progress import cores, progress
+from torchlinf.cli.score_geodata import takes_geodata
 from torchlinf.scoring import COLUMNS, MAX_PIXELS, RULE, WINDOWS
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ or --high the one column complexity.
 
 
 @takes_measure(WINDOWS)
+@takes_geodata
 def score(
     paths: Paths,
     *,
@@ -88,6 +90,9 @@ def score(
     says why, and the rest go on. With --out the rows are kept in a journal, FILE.part, until all are there: stopped by
     Ctrl-C, a kill or a full disk, the same command goes on where it was. Masks whose rows are in the table already are
     not scored again.
+
+    Outlines in a .gpkg, .geojson, .shp or .parquet (GeoParquet) file are drawn at --resolution, and scored with a row
+    for each that has their attributes too; --out may be .gpkg then.
     """
     from torchlinf.scoring import ScoreOptions, open_table, score_groups
 
@@ -109,7 +114,7 @@ def score(
                 param_hint="--ray",
             )
         with endings(None):
-            score_on_ray(paths, out, ray, workers or _cores(), options, _progress)
+            score_on_ray(paths, out, ray, workers or cores(), options, progress)
         return
     check_out(out, as_json, overwrite, retry)
     failed, shown = 0, []
@@ -124,9 +129,9 @@ def score(
             failed += sum(any(put.done[path] is not None for path in held[name]) for name in done & names)
             if before := len(sources) - len(new):
                 say(f"{before} of {len(sources)} masks are in {out} already.")
-            groups = score_groups(new, options, workers=workers or _cores())
+            groups = score_groups(new, options, workers=workers or cores())
             streams = is_standard_output(out) and (as_json or out is not None) and sys.stdout.isatty()
-            with closing(groups), _progress(before, len(sources), shown=not streams) as advance:
+            with closing(groups), progress(before, len(sources), shown=not streams) as advance:
                 for source, rows in zip(new, groups, strict=True):
                     replaced = {*held.get(source.name, ()), *failures.get(source.name, ())}
                     put(*rows, instead_of=sorted(replaced - {row.path for row in rows}))
@@ -152,23 +157,3 @@ def _by_source(paths: Iterable[str], names: Collection[str]) -> dict[str, list[s
         name = next((name for name in shorter if name in names), shorter[-1])
         sources.setdefault(name, []).append(path)
     return sources
-
-
-def _cores() -> int:
-    # In a container or a batch job the machine may have more cores than this process may use.
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextmanager
-def _progress(done: int, total: int, shown: bool) -> Iterator[Callable[[], None]]:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("scoring"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    if not (shown and console.is_terminal):  # a disabled Progress of rich before 14.3 prints an empty line
-        yield lambda: None
-        return
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("scoring", total=total, completed=done)
-        yield lambda: progress.advance(task)

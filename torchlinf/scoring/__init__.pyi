@@ -5,6 +5,16 @@ from .compare import Pair as Pair
 from .compare import compare_scores as compare_scores
 from .compare import numeric_columns as numeric_columns
 from .compare import write_pairs as write_pairs
+from .geo_tables import GEO_TABLES as GEO_TABLES
+from .geo_tables import open_journal as open_journal
+from .geo_tables import rows_in as rows_in
+from .geo_tables import write_geo_table as write_geo_table
+from .geodata import GEO_SUFFIXES as GEO_SUFFIXES
+from .geodata import GeoOptions as GeoOptions
+from .geodata import GeoPart as GeoPart
+from .geodata import is_geodata as is_geodata
+from .geodata import number_of_parts as number_of_parts
+from .geodata import parts_of as parts_of
 from .journal import JOURNAL as JOURNAL
 from .mask_rules import MAX_PIXELS as MAX_PIXELS
 from .mask_rules import RULE as RULE
