@@ -25,6 +25,7 @@ from torchlinf import Measure, decompose, labels, losses, metrics, order, plot, 
 from torchlinf.cli.app import app
 from torchlinf.measure import LevelOptions, MeasureOptions, SoftOptions, WindowOptions
 from torchlinf.measure.options import _DOCS, names_of
+from torchlinf.regions.orientations import PlaneOptions, RegionOptions
 from torchlinf.scoring.ray import ScoreMasks, score_shards
 
 MASK = shapes.disc(6)  # 13 x 13, without a part, so that every option below changes its number
@@ -59,6 +60,13 @@ def regions_of(mask: Tensor, **options: Any) -> regions.DecisionRegions:
     return regions.decision_region_complexity(
         inside(mask), BOUNDS, resolution=SIDE, threshold=0.0, classes=[0, 1], **options
     )
+
+
+def summary_mean(mask: Tensor, **options: Any) -> Any:
+    """Of the grid as it lies, unless the options say otherwise."""
+    return regions.decision_region_summary(
+        clamped(mask), BOUNDS, resolution=SIDE, threshold=0.0, classes=[0, 1], **{"orientation": None, **options}
+    ).mean()[1]
 
 
 def triangle_of(mask: Tensor) -> Tensor:
@@ -246,10 +254,13 @@ ENTRIES = {
         labels.complexity_table, MeasureOptions, 1, lambda m, **o: labels.complexity_table(m.int(), **o)
     ),
     "regions.decision_region_complexity": Entry(
-        regions.decision_region_complexity, LevelOptions, 2, lambda m, **o: regions_of(m, **o).mean()[1]
+        regions.decision_region_complexity, RegionOptions, 2, lambda m, **o: regions_of(m, **o).mean()[1]
     ),
-    "regions.decision_plane": Entry(regions.decision_plane, LevelOptions, 2, plane_mean),
-    "regions.decision_plane_complexity": Entry(regions.decision_plane_complexity, WindowOptions, 2, planes_mean),
+    "regions.decision_region_summary": Entry(
+        regions.decision_region_summary, RegionOptions, 2, summary_mean, {"orientation": "mean"}
+    ),
+    "regions.decision_plane": Entry(regions.decision_plane, RegionOptions, 2, plane_mean),
+    "regions.decision_plane_complexity": Entry(regions.decision_plane_complexity, PlaneOptions, 2, planes_mean),
     "decompose.parts": Entry(
         decompose.parts,
         WindowOptions,
@@ -400,7 +411,7 @@ def test_only_data_are_positional(entry: Entry) -> None:
 @pytest.mark.parametrize("name", ENTRIES)
 def test_every_entry_point_gives_the_number_of_the_profile(name: str) -> None:
     entry = ENTRIES[name]
-    options: list[dict[str, Any]] = [{}, *({one: VALID[one]} for one in names_of(entry.kind))]
+    options: list[dict[str, Any]] = [{}, *({one: VALID[one]} for one in names_of(entry.kind) if one in VALID)]
     for chosen in options[:: 4 if entry.slow else 1]:
         if "complexity_map" in name and "estimator" in chosen:
             with pytest.raises(ValueError, match='estimator must be "entropy" for a map; got'):

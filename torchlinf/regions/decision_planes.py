@@ -223,9 +223,7 @@ def decision_plane_complexity(
     names = classes_of(found)
     class_values = [_in_order(names, summary, summary.mean(measure.low, measure.high), torch.nan) for summary in found]
     share = [_in_order(names, summary, summary.share, 0.0) for summary in found]
-    return PlaneComplexity(
-        values, torch.stack(triples), measure, names, torch.stack(class_values), torch.stack(share)
-    )
+    return PlaneComplexity(values, torch.stack(triples), measure, names, torch.stack(class_values), torch.stack(share))
 
 
 def classes_of(summaries: Sequence[RegionSummary]) -> tuple[Any, ...]:
