@@ -72,8 +72,8 @@ def n1(points: Array, classes: Array) -> float:
 
     The classes are those that the classifier predicts, not the true ones.
     """
-    # An edge of length 0 would be taken for no edge.
-    tree = minimum_spanning_tree(cdist(points, points) + 1e-9).tocoo()
+    # An edge of length 0, or of less than 1e-8, would be taken for no edge.
+    tree = minimum_spanning_tree(cdist(points, points) + 1e-6).tocoo()
     apart = classes[tree.row] != classes[tree.col]
     return len(np.unique([tree.row[apart], tree.col[apart]])) / len(points)
 
