@@ -23,13 +23,22 @@ from typer.testing import CliRunner
 import torchlinf
 from torchlinf import Measure, decompose, labels, losses, metrics, order, plot, regions, scoring, shapes, transforms
 from torchlinf.cli.app import app
-from torchlinf.measure import LevelOptions, MeasureOptions, SoftOptions, WindowOptions
+from torchlinf.measure import (
+    GridOptions,
+    LevelOptions,
+    MeanOptions,
+    MeasureOptions,
+    ProfileOptions,
+    SoftOptions,
+    WindowOptions,
+)
 from torchlinf.measure.options import _DOCS, names_of
 from torchlinf.regions.orientations import PlaneOptions, RegionOptions
 from torchlinf.scoring.ray import ScoreMasks, score_shards
 
 MASK = shapes.disc(6)  # 13 x 13, without a part, so that every option below changes its number
 MASK[6:9, 9:] = False
+MASK[0, 1] = MASK[1, 0] = True  # and with a second component, which has two of one pixel each by faces
 SIDE = len(MASK)
 EMPTY = torch.zeros_like(MASK)
 BOUNDS = [(0.0, SIDE - 1.0)] * 2
@@ -62,11 +71,25 @@ def regions_of(mask: Tensor, **options: Any) -> regions.DecisionRegions:
     )
 
 
+def region_mean(mask: Tensor, **options: Any) -> Any:
+    """A turned grid is asked anew, and does not see what a turned mask is; "mean" is that of the summary alone."""
+    if "orientation" not in options:
+        return regions_of(mask, **options).mean()[1]
+    one = {**options, "orientation": "least"} if options["orientation"] == "mean" else options
+    found = regions.decision_region_complexity(
+        clamped(mask), BOUNDS, resolution=SIDE, threshold=0.0, classes=[0, 1], **one
+    )
+    alone = torchlinf.complexity_profile(found.masks, spatial_ndim=2).mean()
+    torch.testing.assert_close(found.mean(), alone, rtol=0, atol=0)
+    return float("nan")
+
+
 def summary_mean(mask: Tensor, **options: Any) -> Any:
     """Of the grid as it lies, unless the options say otherwise."""
-    return regions.decision_region_summary(
+    found = regions.decision_region_summary(
         clamped(mask), BOUNDS, resolution=SIDE, threshold=0.0, classes=[0, 1], **{"orientation": None, **options}
-    ).mean()[1]
+    )
+    return float("nan") if "orientation" in options else found.mean()[1]
 
 
 def triangle_of(mask: Tensor) -> Tensor:
@@ -79,8 +102,10 @@ def clamped(mask: Tensor) -> Callable[[Tensor], Tensor]:
 
 def plane_mean(mask: Tensor, **options: Any) -> float:
     """The complexity of the region on a plane, less that of the mask it was drawn from: 0."""
-    found = regions.decision_plane(clamped(mask), triangle_of(mask), resolution=9, threshold=0.0, **options)
-    alone = torchlinf.complexity_profile(found.masks, spatial_ndim=2, **options).mean()
+    one = {**options, "orientation": "least"} if options.get("orientation") == "mean" else options
+    found = regions.decision_plane(clamped(mask), triangle_of(mask), resolution=9, threshold=0.0, **one)
+    level = {name: value for name, value in options.items() if name in names_of(LevelOptions)}
+    alone = torchlinf.complexity_profile(found.masks, spatial_ndim=2, **level).mean()
     torch.testing.assert_close(found.mean(), alone, rtol=0, atol=0)
     return float("nan")
 
@@ -89,7 +114,9 @@ def planes_mean(mask: Tensor, **options: Any) -> float:
     found = regions.decision_plane_complexity(
         clamped(mask), triangle_of(mask), num_planes=2, resolution=9, threshold=0.0, **options
     )
-    level = {name: value for name, value in options.items() if name in names_of(LevelOptions)}
+    if options.get("orientation") == "mean":  # which `test_turned_regions` compares
+        return float("nan")
+    level = {name: value for name, value in options.items() if name in names_of(RegionOptions)}
     window = {name: value for name, value in options.items() if name not in level}
     corners = triangle_of(mask)[found.triples[0]]
     one = regions.decision_plane(clamped(mask), corners, resolution=9, threshold=0.0, **level)
@@ -155,14 +182,21 @@ def in_table(mask: Tensor, **options: Any) -> float:
 
 
 def scored(mask: Tensor, **options: Any) -> Any:
-    (row,) = scoring.score_masks(scoring.find_masks([file_of(mask, FOLDER)]), **options)
-    return row.values
+    return averaged([row.values for row in scoring.score_masks(scoring.find_masks([file_of(mask, FOLDER)]), **options)])
+
+
+def averaged(rows: list[Any]) -> Any:
+    """Of a table with one row an object the means; the other columns are those of the last row."""
+    return {
+        **rows[-1],
+        **{name: np.mean([row[name] for row in rows]) for name in ("complexity", "fine") if name in rows[0]},
+    }
 
 
 def on_ray(mask: Tensor, **options: Any) -> float:
     pytest.importorskip("pyarrow")
     table = ScoreMasks("mask", name="id", **options)({"id": np.array(["a"]), "mask": mask.numpy(force=True)[None]})
-    return {name: table[name][0].as_py() for name in ("complexity", "fine") if name in table.column_names}
+    return averaged(table.select([name for name in ("complexity", "fine") if name in table.column_names]).to_pylist())
 
 
 def cli(command: str) -> Callable[..., Any]:
@@ -181,18 +215,20 @@ def cli(command: str) -> Callable[..., Any]:
         if found.exit_code == 2:
             raise ValueError(re.sub(r"[\s│╭╮╰╯─]+", " ", found.output + getattr(found, "stderr", "")))
         assert found.exit_code == 0, found.output
-        return float("nan") if command == "profile" else json.loads(found.output.splitlines()[-1])
+        if command == "profile":
+            return float("nan")
+        return averaged([json.loads(line) for line in found.output.splitlines() if line.startswith("{")])
 
     return call
 
 
 ENTRIES = {
     "complexity": Entry(
-        torchlinf.complexity, WindowOptions, 1, lambda m, **o: torchlinf.complexity(m, spatial_ndim=2, **o)
+        torchlinf.complexity, MeanOptions, 1, lambda m, **o: torchlinf.complexity(m, spatial_ndim=2, **o)
     ),
     "complexity_profile": Entry(
         torchlinf.complexity_profile,
-        LevelOptions,
+        ProfileOptions,
         1,
         lambda m, **o: torchlinf.complexity_profile(m, spatial_ndim=2, **o).mean(),
     ),
@@ -253,9 +289,7 @@ ENTRIES = {
     "labels.complexity_table": Entry(
         labels.complexity_table, MeasureOptions, 1, lambda m, **o: labels.complexity_table(m.int(), **o)
     ),
-    "regions.decision_region_complexity": Entry(
-        regions.decision_region_complexity, RegionOptions, 2, lambda m, **o: regions_of(m, **o).mean()[1]
-    ),
+    "regions.decision_region_complexity": Entry(regions.decision_region_complexity, RegionOptions, 2, region_mean),
     "regions.decision_region_summary": Entry(
         regions.decision_region_summary, RegionOptions, 2, summary_mean, {"orientation": "mean"}
     ),
@@ -267,16 +301,16 @@ ENTRIES = {
         1,
         lambda m, **o: decompose.parts(m, spatial_ndim=2, penalty_per_part=9, **o).before,
     ),
-    "plot.profile": Entry(plot.profile, LevelOptions, 1, lambda m, **o: staircase(plot.profile(m, **o)), slow=True),
+    "plot.profile": Entry(plot.profile, ProfileOptions, 1, lambda m, **o: staircase(plot.profile(m, **o)), slow=True),
     "plot.shapes": Entry(
         plot.shapes, LevelOptions, 1, lambda m, **o: staircase(plot.shapes({"a": m}, **o).axes[0]), slow=True
     ),
     "plot.overview": Entry(
-        plot.overview, MeasureOptions, 1, lambda m, **o: nothing(plot.overview({"a": m}, **o)), slow=True
+        plot.overview, GridOptions, 1, lambda m, **o: nothing(plot.overview({"a": m}, **o)), slow=True
     ),
     "plot.hasse": Entry(
         plot.hasse,
-        LevelOptions,
+        ProfileOptions,
         1,
         lambda m, **o: nothing(plot.hasse({"a": m}, **o)),
         {"windows": order.WINDOWS},
@@ -315,7 +349,21 @@ VALID: Mapping[str, Any] = {
     "rho": 1.0,
     "tol": 1e-6,
     "tol_bits": 0.5,
+    "orientation": 30.0,
+    "rotations": 5,
+    "per": "object",
+    "connectivity": 1,
+    "min_pixels": 3,
+    "pool": "area",
 }
+# What an option must stand beside.
+BESIDE: Mapping[str, Mapping[str, Any]] = {
+    "rotations": {"orientation": "mean"},
+    "connectivity": {"per": "object"},
+    "min_pixels": {"per": "object"},
+    "pool": {"per": "object"},
+}
+PARTS = ("orientation", "rotations", "per", "connectivity", "min_pixels", "pool")
 INVALID: tuple[dict[str, Any], ...] = (
     {"low": 0.5, "high": 0.2},
     {"low": "0"},
@@ -375,17 +423,25 @@ def reference(options: str) -> float:
     return float(torchlinf.complexity_profile(MASK, spatial_ndim=2, **chosen).mean(*window))
 
 
+def tried(name: str) -> dict[str, Any]:
+    """An option, with what it must stand beside."""
+    return {**BESIDE.get(name, {}), name: VALID[name]}
+
+
 def number(found: Any, name: str = "complexity") -> float:
     if isinstance(found, Mapping):
         found = found[name]
-    return float(found[0] if isinstance(found, np.ndarray) else found)
+    return float(found.mean() if isinstance(found, np.ndarray) else found)
 
 
 def test_the_values_that_are_tried_change_the_number() -> None:
     default = reference("{}")
-    for name, value in VALID.items():
+    for name in VALID:
         if name not in ("windows", "tol", "tol_bits"):
-            assert reference(json.dumps({name: value})) != pytest.approx(default, abs=1e-3), name
+            found = reference(json.dumps(tried(name)))
+            assert found != pytest.approx(default, abs=1e-3), name
+            if name in BESIDE:
+                assert found != pytest.approx(reference(json.dumps(BESIDE[name])), abs=1e-3), name
 
 
 @pytest.mark.parametrize("name", SIGNATURES)
@@ -411,7 +467,7 @@ def test_only_data_are_positional(entry: Entry) -> None:
 @pytest.mark.parametrize("name", ENTRIES)
 def test_every_entry_point_gives_the_number_of_the_profile(name: str) -> None:
     entry = ENTRIES[name]
-    options: list[dict[str, Any]] = [{}, *({one: VALID[one]} for one in names_of(entry.kind) if one in VALID)]
+    options: list[dict[str, Any]] = [{}, *map(tried, names_of(entry.kind))]
     for chosen in options[:: 4 if entry.slow else 1]:
         if "complexity_map" in name and "estimator" in chosen:
             with pytest.raises(ValueError, match='estimator must be "entropy" for a map; got'):
@@ -445,7 +501,7 @@ def test_wrong_values_are_refused_everywhere_in_the_same_words(name: str) -> Non
 def test_options_that_are_not_taken_are_refused(name: str) -> None:
     entry = ENTRIES[name]
     taken = {*names_of(entry.kind), *entry.changed}
-    for option, value in {**VALID, "orientation": "any"}.items():
+    for option, value in {**VALID, "frame": "any"}.items():
         if option not in taken:
             # torchmetrics refuses what it does not know by a ValueError.
             with pytest.raises(ValueError if name.startswith("metrics") else TypeError, match=option):
@@ -455,7 +511,8 @@ def test_options_that_are_not_taken_are_refused(name: str) -> None:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_take_every_option(command: str) -> None:
     call = cli(command)
-    for chosen in [{}, *({one: value} for one, value in VALID.items())][:: 5 if command == "profile" else 1]:
+    names = [name for name in VALID if command != "profile" or name not in PARTS]
+    for chosen in [{}, *map(tried, names)][:: 5 if command == "profile" else 1]:
         found = call(MASK, **chosen)
         if isinstance(found, Mapping) and "windows" not in chosen:
             assert found["complexity"] == pytest.approx(reference(json.dumps(chosen)), rel=1e-9), chosen
@@ -469,11 +526,12 @@ def test_commands_refuse_wrong_values_in_the_same_words(command: str) -> None:
         # Words that are no numbers, and windows that are no mapping, cannot be written on a command line.
         if any(value is None or isinstance(value, list | dict) for value in wrong.values()):
             continue
-        if not set(wrong) <= set(VALID):
+        texts = ("estimator", "levels", "per", "pool")
+        if any(isinstance(value, str) and one not in (*texts, "orientation") for one, value in wrong.items()):
             continue
-        if any(isinstance(value, str) and one not in ("estimator", "levels") for one, value in wrong.items()):
+        if wrong == {"orientation": True} or (command == "profile" and set(wrong) & set(PARTS)):
             continue
-        wrong = {one: str(value) if one in ("estimator", "levels") else value for one, value in wrong.items()}
+        wrong = {one: str(value) if one in texts else value for one, value in wrong.items()}
         with pytest.raises((TypeError, ValueError)) as expected:
             Measure(**{k: float(v) if k in ("low", "high", "rho", "tol", "tol_bits") else v for k, v in wrong.items()})
         with pytest.raises(ValueError, match="Usage") as found:

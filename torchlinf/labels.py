@@ -1,6 +1,6 @@
 """Label maps to tables: one row per object, beside any of scikit-image's `regionprops_table`."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Unpack
 
 import numpy as np
@@ -10,13 +10,35 @@ from torch import Tensor
 
 from torchlinf import __version__
 from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, positive
-from torchlinf.measure import Measure, MeasureOptions, ragged_profile, takes
+from torchlinf.measure import (
+    ComplexityProfile,
+    Measure,
+    MeasureOptions,
+    components,
+    ragged_profile,
+    require_connectivity,
+    require_frame,
+    takes,
+)
 
 __all__ = ["complexity_table"]
 
 Box = tuple[slice, ...]
 LARGEST = 2**20  # find_objects makes a list as long as the largest label; beyond this, renumbering costs less
-COLUMNS = ("label", "radius", "touches_border", "error_bound", "field_error_bound", "seconds", "version", "measure")
+COLUMNS = (
+    "label",
+    "object",
+    "objects",
+    "radius",
+    "angle",
+    "standard_error",
+    "touches_border",
+    "error_bound",
+    "field_error_bound",
+    "seconds",
+    "version",
+    "measure",
+)
 
 
 @takes(MeasureOptions)
@@ -31,7 +53,8 @@ def complexity_table(
     """Measure the complexity of every object of a label map.
 
     Every object is cropped to its own box and measured there, alone: what a neighbour or the size of the map is does
-    not change its numbers. All pixels of one label are one object, connected or not.
+    not change its numbers. All pixels of one label are one object, connected or not; with `per="object"` each connected
+    component of a label is one.
 
     Args:
         label_map: (H, W) or (D, H, W), or any other number of dimensions from 1 to 4; integers, 0 is background, all
@@ -48,15 +71,23 @@ def complexity_table(
     Returns:
         Columns by name, each with one entry per object, in ascending order of the labels; a map without objects gives
         the same columns with no entries. No object is empty, so no value is NaN. `pandas.DataFrame` takes the columns
-        as they are.
+        as they are. With `per="object"` there is one entry per component, and the columns of `properties` are those of
+        the components; with `pool` too, one per label, NaN where no component has `min_pixels`.
 
         - "label": as in the map, in its dtype.
+        - "object": int64, with `per="object"` alone: the number of the component within its label, from 1.
+        - "objects": int64, with `pool` alone: how many components the label has.
         - the columns of `properties`, as scikit-image names them ("centroid-0", "centroid-1").
-        - "radius": int64, largest chessboard distance to the outside of the object, pixels.
+        - "radius": int64, largest chessboard distance to the outside of the object, pixels; after the turn, if there is
+          one.
+        - "angle": float64, with an `orientation` in degrees, "own" or "least" alone: degrees that the object was turned
+          by, counter-clockwise; NaN where `pool` makes one of several.
         - "complexity", or the names of `windows`: float64, bits (or share, for "std"). A box has exactly 0.0.
         - "touches_border": bool, whether the object reaches the border of the map, so that part of it may be cut off.
         - "error_bound": float64, how far any of the object's complexities can be from that of the exact field, proven;
           see `ComplexityProfile.error_bound`.
+        - "standard_error": float64, with orientation="mean" alone: the largest of the complexities' standard errors;
+          see `ComplexityProfile.standard_error`.
         - "field_error_bound": float64, the certified relative error of the object's field.
         - "seconds": float64, the time that the object took.
         - "version" and "measure": the version of torchlinf and `Measure.settings()`, in every row, so that rows of
@@ -89,7 +120,13 @@ def complexity_table(
     measure.scalar_rho()
     windows = measure.named_windows()
     labels = _label_map(label_map)
+    require_connectivity(measure.connectivity, labels.ndim)
+    require_frame(measure, labels.ndim)
     numbered, boxes, names = _objects(labels)
+    one_row_an_object = measure.per == "object" and measure.pool is None
+    of_label = np.arange(len(names))
+    if one_row_an_object:
+        numbered, boxes, of_label = _components(numbered, boxes, measure)
     beside = _properties(numbered, _names(properties), intensity_image, spacing)
     taken = {*COLUMNS, *beside} & set(windows)
     if taken:
@@ -104,14 +141,18 @@ def complexity_table(
         inside: NDArray[np.bool_] = numbered[box] == number
         return inside
 
-    profile = ragged_profile(crop, len(objects), measure)
+    profile = ragged_profile(crop, len(objects), measure.of_objects() if one_row_an_object else measure)
+    ends = windows.values()
     return {
-        "label": names,
+        "label": names[of_label],
+        **_counts(profile, of_label, measure),
         **beside,
         "radius": profile.radius.numpy(),
-        **{name: profile.mean(*ends).numpy() for name, ends in windows.items()},
+        **_angles(profile),
+        **{name: profile.mean(*one).numpy() for name, one in windows.items()},
         "touches_border": np.array([_touches(box, labels.shape) for box in boxes.values()], dtype=np.bool_),
-        "error_bound": torch.stack([profile.error_bound(*ends) for ends in windows.values()]).amax(dim=0).numpy(),
+        "error_bound": torch.stack([profile.error_bound(*one) for one in ends]).amax(dim=0).numpy(),
+        **_standard_errors(profile, ends),
         "field_error_bound": profile.field_error_bound.numpy(),
         "seconds": profile.seconds.numpy(),
         "version": np.full(len(objects), __version__),
@@ -158,6 +199,49 @@ def _objects(label_map: NDArray[Any]) -> tuple[NDArray[Any], dict[int, Box], NDA
     boxes = {number: box for number, box in enumerate(find_objects(usable), start=1) if box is not None}
     labels = np.fromiter(boxes, dtype=np.int64) if names is None else names
     return usable, boxes, labels.astype(label_map.dtype)
+
+
+def _components(
+    numbered: NDArray[Any], boxes: dict[int, Box], measure: Measure
+) -> tuple[NDArray[Any], dict[int, Box], NDArray[np.int64]]:
+    """The same for the components: a map of their numbers, their boxes, and the place of the label of each."""
+    found = np.zeros(numbered.shape, dtype=np.int32)
+    places: dict[int, Box] = {}
+    of_label = []
+    for label, (number, box) in enumerate(boxes.items()):
+        inside = numbered[box] == number
+        for one in components(inside, connectivity=measure.connectivity, min_pixels=measure.min_pixels):
+            place = tuple(
+                slice(outer.start + side.start, outer.start + side.stop)
+                for outer, side in zip(box, one.box, strict=True)
+            )
+            places[len(places) + 1] = place
+            found[place][one.mask()] = len(places)
+            of_label.append(label)
+    return found, places, np.array(of_label, dtype=np.int64)
+
+
+def _counts(profile: ComplexityProfile, of_label: NDArray[np.int64], measure: Measure) -> dict[str, NDArray[Any]]:
+    """The number of the object in its label, or how many objects a label has."""
+    if measure.per == "mask":
+        return {}
+    if measure.pool is not None:
+        return {"objects": profile.objects.numpy()}
+    return {"object": np.arange(len(of_label)) - np.searchsorted(of_label, of_label) + 1}
+
+
+def _angles(profile: ComplexityProfile) -> dict[str, NDArray[Any]]:
+    if profile.measure.orientation in (None, "mean") or isinstance(profile.measure.orientation, tuple):
+        return {}
+    angle = torch.full(profile.radius.shape, torch.nan) if profile.angle is None else profile.angle
+    return {"angle": angle.double().numpy()}
+
+
+def _standard_errors(profile: ComplexityProfile, windows: Iterable[tuple[float, float]]) -> dict[str, NDArray[Any]]:
+    if profile.measure.orientation != "mean":
+        return {}
+    errors = torch.stack([profile.standard_error(*ends) for ends in windows])
+    return {"standard_error": errors.amax(dim=0).numpy()}
 
 
 def _touches(box: Box, shape: tuple[int, ...]) -> bool:

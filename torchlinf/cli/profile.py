@@ -23,7 +23,7 @@ MAX_DRAWN = 12
 EPILOG = f"{RULE}\n\n{STATUS}"
 
 
-@takes_measure({"complexity": (0.0, 1.0)})
+@takes_measure({"complexity": (0.0, 1.0)}, parts=False)
 def profile(
     paths: Paths,
     *,

@@ -65,7 +65,7 @@ def score(
     ray: Ray = None,
     measure: "Measure",
 ) -> None:
-    """Score masks: one row of numbers a mask.
+    """Score masks: one row of numbers a mask, or an object with --per object.
 
     Without --out the table goes to the terminal, or as CSV into a pipe. A mask that cannot be scored gives a row that
     says why, and the rest go on. With --out the rows are kept in a journal, FILE.part, until all are there: stopped by
@@ -91,7 +91,7 @@ def score(
         sources = find_sources(paths, members)
         refuse_source(out, sources)
         with open_table(out, as_json=as_json, resume=not overwrite, retry=retry, **options.measuring) as put:
-            done = _sources_of(put.done) if labels or stack else put.done
+            done = _sources_of(put.done) if labels or stack or measure.per == "object" else put.done
             new = [source for source in sources if source.name not in done]
             failed += sum(done.get(source.name) is not None for source in sources)
             if before := len(sources) - len(new):
@@ -106,10 +106,10 @@ def score(
 
 
 def _sources_of(done: Mapping[str, str | None]) -> dict[str, str | None]:
-    """The sources of rows that are named by a page and a label, as stack.npy[3]#15, and the last error of each."""
+    """The sources of rows named by a page, a label and an object, as stack.npy[3]#15@2, and the last error of each."""
     names: dict[str, str | None] = {}
     for name, error in done.items():
-        source = re.sub(r"(\[\d+\])?(#\d+)?$", "", name, count=1)
+        source = re.sub(r"(\[\d+\])?(#\d+)?(@\d+)?$", "", name, count=1)
         names[source] = names.get(source) or error
     return names
 

@@ -1,16 +1,29 @@
 """The measure: how complex a shape is at every scale, and the options that say how it is measured."""
 
+from torchlinf.measure.frames import Rectangle, own_angle, smallest_rectangle, turned
 from torchlinf.measure.levels import Levels, level_values
+from torchlinf.measure.objects import (
+    Component,
+    components,
+    in_frame,
+    require_connectivity,
+    require_frame,
+    rotations_of,
+)
 from torchlinf.measure.options import (
     FrameOptions,
+    GridOptions,
     LevelOptions,
+    MeanOptions,
     Measure,
     MeasureOptions,
     ObjectOptions,
+    ProfileOptions,
     SoftOptions,
     WindowOptions,
     takes,
 )
+from torchlinf.measure.parts import Parts
 from torchlinf.measure.pixel_map import complexity_map
 from torchlinf.measure.profile import (
     ComplexityProfile,
@@ -24,21 +37,35 @@ from torchlinf.measure.soft import soft_complexity
 
 __all__ = [
     "ComplexityProfile",
+    "Component",
     "FrameOptions",
+    "GridOptions",
     "LevelOptions",
     "Levels",
+    "MeanOptions",
     "Measure",
     "MeasureOptions",
     "ObjectOptions",
+    "Parts",
+    "ProfileOptions",
+    "Rectangle",
     "SoftOptions",
     "WindowOptions",
     "complexity",
     "complexity_map",
     "complexity_profile",
+    "components",
+    "in_frame",
     "level_values",
+    "own_angle",
     "profile_of_field",
     "profile_of_levels",
     "ragged_profile",
+    "require_connectivity",
+    "require_frame",
+    "rotations_of",
+    "smallest_rectangle",
     "soft_complexity",
     "takes",
+    "turned",
 ]

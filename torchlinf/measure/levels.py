@@ -265,3 +265,23 @@ def first_level(radius: Tensor) -> Tensor:
         tensor([0, 3, 3])
     """
     return radius.long().cumsum(0) - radius.long()
+
+
+def owners(counts: Tensor) -> Tensor:
+    """For each entry of a flat list the number of the one that it belongs to.
+
+    Args:
+        counts: (N,) integers, the number of entries of each.
+
+    Returns:
+        (sum of counts,) int64 tensor.
+
+    Example:
+        >>> owners(torch.tensor([3, 0, 2]))
+        tensor([0, 0, 0, 2, 2])
+    """
+    # Not repeat_interleave, which starts OpenMP's threads at any size: a child process that is forked later, and
+    # calls it too, would wait for threads that it does not have.
+    ends = counts.long().cumsum(0)
+    passed = ends.new_zeros(int(counts.sum()) + 1).index_add(0, ends, torch.ones_like(ends))
+    return passed[:-1].cumsum(0)

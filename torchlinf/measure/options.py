@@ -35,10 +35,11 @@ FRAMES = ("own", "mean", "least")  # orientations that are found from the shape
 SEVERAL = ("mean", "least")  # those of them that try several rotations
 MAX_BINS = 2**20  # finer bins would be narrower than the default tolerance can tell apart
 ALL_SCALES = (0.0, 1.0)
+ROTATIONS = 6  # of "mean" and "least", where nothing else is said
 
 
 class LevelOptions(TypedDict, total=False):
-    """Options of what is found on every level, before any mean over scales."""
+    """Options of what is found on every level, before any mean over scales; along the axes of the grid."""
 
     bins: int
     estimator: Estimator
@@ -55,12 +56,6 @@ class WindowOptions(LevelOptions, total=False):
     high: float
 
 
-class MeasureOptions(WindowOptions, total=False):
-    """Options of one or several numbers a shape."""
-
-    windows: Mapping[str, Window] | None
-
-
 class FrameOptions(TypedDict, total=False):
     """Options of the axes that a shape is measured along."""
 
@@ -75,6 +70,26 @@ class ObjectOptions(TypedDict, total=False):
     connectivity: int | None
     min_pixels: int
     pool: Pool | None
+
+
+class ProfileOptions(LevelOptions, FrameOptions, ObjectOptions, total=False):
+    """Options of a profile: of the levels, in which axes, and of what."""
+
+
+class MeanOptions(WindowOptions, FrameOptions, ObjectOptions, total=False):
+    """Options of one number a mask: the mean over one window of scales, in which axes, and of what."""
+
+
+class MeasureOptions(MeanOptions, total=False):
+    """Options of one or several numbers a mask: all there are."""
+
+    windows: Mapping[str, Window] | None
+
+
+class GridOptions(WindowOptions, total=False):
+    """Options of one or several numbers of a mask as it stands, along the axes of the grid."""
+
+    windows: Mapping[str, Window] | None
 
 
 class SoftOptions(TypedDict, total=False):
@@ -133,7 +148,7 @@ class Measure:
     tol: float = 1e-9
     tol_bits: float = 0.0
     orientation: float | str | Rotation | None = None
-    rotations: int = 6
+    rotations: int = ROTATIONS
     per: Per = "mask"
     connectivity: int | None = None
     min_pixels: int = 1
@@ -164,7 +179,7 @@ class Measure:
 
     def _used(self) -> None:
         """Refuse options that would change nothing beside the others: something else was meant."""
-        if self.rotations != 6 and self.orientation not in SEVERAL:
+        if self.rotations != ROTATIONS and self.orientation not in SEVERAL:
             raise ValueError(
                 f'rotations must stand beside orientation="mean" or "least"; got rotations={self.rotations} beside '
                 f'orientation={self.orientation!r}. Pass orientation="mean".'
@@ -231,6 +246,25 @@ class Measure:
         if isinstance(self.rho, Tensor):
             raise TypeError(f"rho must be None or one number here; got a tensor {tuple(self.rho.shape)}. Pass a float.")
         return self.rho
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether a mask is measured as it stands: along the axes of the grid, all of it as one shape."""
+        return self.orientation is None and self.per == "mask"
+
+    def plain(self) -> "Measure":
+        """The measure of a mask as it stands, such as one object that has been cropped and turned already.
+
+        >>> Measure(bins=64, orientation="own", per="object").plain().options()
+        {'bins': 64}
+        """
+        return dataclasses.replace(
+            self, orientation=None, rotations=ROTATIONS, per="mask", connectivity=None, min_pixels=1, pool=None
+        )
+
+    def of_objects(self) -> "Measure":
+        """The measure of one object that has been cropped already: all but its axes is settled."""
+        return dataclasses.replace(self, per="mask", connectivity=None, min_pixels=1, pool=None)
 
     @property
     def unit(self) -> str:

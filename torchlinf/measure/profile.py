@@ -12,8 +12,9 @@ from torch import Tensor
 from torchlinf._helpers.checks import as_mask, choice, real_dtype, window
 from torchlinf.field import METHODS
 from torchlinf.measure.entropy import segment_sum
-from torchlinf.measure.levels import Levels, MaskAt, first_level, level_values, levels_of, levels_of_each
-from torchlinf.measure.options import LevelOptions, Measure, WindowOptions, takes
+from torchlinf.measure.levels import Levels, MaskAt, first_level, level_values, levels_of, levels_of_each, owners
+from torchlinf.measure.options import MeanOptions, Measure, ProfileOptions, takes
+from torchlinf.measure.parts import Parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,17 +27,24 @@ class ComplexityProfile:
     A profile that is computed can be averaged over any window, plotted, ordered and put into a table without another
     solve.
 
+    With `per="object"`, and with `orientation="mean"`, it is the mean of the profiles of its `parts`, scale by scale.
+    Parts differ in radius, so that it has no levels of its own: `level_values` is empty, and `levels` raises.
+
     Attributes:
         scales: (L,) the scale grid.
         values: (*lead, L) the level value (bits for "entropy", share of the field's maximum for "std") at each scale;
             NaN for an empty shape.
-        radius: (*lead) int64, D in pixels; 0 for an empty shape.
-        field_error_bound: (*lead) float64, the certified relative error of the field at every pixel.
+        radius: (*lead) int64, D in pixels; 0 for an empty shape; of several parts that of the largest.
+        field_error_bound: (*lead) float64, the certified relative error of the field at every pixel; of several parts
+            the largest.
         level_values: (sum of radius,) float64, all levels of all shapes one after the other; `levels` splits it.
         level_error_bound: like `level_values` and in their unit, how far each can be from that of the exact field.
             `error_bound` makes the bound of a mean of it.
         measure: how the levels were measured. Its window is not used here.
         seconds: (*lead) float64 on the CPU, the time that each shape took.
+        angle: (*lead) float64 on the CPU, degrees that each shape was turned by; None along the grid's axes, for a
+            rotation matrix, and where there are parts, which have angles of their own.
+        parts: what the profile is the mean of; None where a mask is one shape in one frame.
     """
 
     scales: Tensor
@@ -47,6 +55,22 @@ class ComplexityProfile:
     level_error_bound: Tensor
     measure: Measure
     seconds: Tensor
+    angle: Tensor | None = None
+    parts: Parts | None = None
+
+    @property
+    def objects(self) -> Tensor:
+        """(*lead) int64: how many shapes each mask has: its objects with per="object", else 1, or 0 if it is empty.
+
+        Example:
+            >>> import torchlinf
+            >>> mask = torch.tensor([[1, 1, 0, 1], [1, 1, 0, 1]])
+            >>> torchlinf.complexity_profile(mask, per="object", spatial_ndim=2).objects
+            tensor(2)
+        """
+        if self.parts is None or self.measure.per == "mask":
+            return (self.radius > 0).long()
+        return self.parts.counts(self.radius.numel()).reshape(self.radius.shape)
 
     def levels(self) -> list[Any] | Tensor:
         """Values of the levels themselves, without a scale grid.
@@ -56,12 +80,20 @@ class ComplexityProfile:
             k - 1 is level k, and a shape of radius D has D entries, an empty one none. For a mask without leading
             dimensions it is that one tensor.
 
+        Raises:
+            ValueError: the profile is a mean of parts.
+
         Example:
             >>> import torchlinf
             >>> profile = torchlinf.complexity_profile(torch.ones(1, 1, 3, 6))
             >>> profile.levels()
             [[tensor([0., 0.], dtype=torch.float64)]]
         """
+        if self.parts is not None:
+            raise ValueError(
+                "levels must be those of one shape in one frame; got a mean of several. Pass profile.parts.profile, "
+                "which has the levels of each."
+            )
         parts = torch.split(self.level_values.to(self.values.dtype), self.radius.flatten().tolist())
         return _nest(parts, tuple(self.radius.shape))
 
@@ -94,8 +126,10 @@ class ComplexityProfile:
             ) from error
         shapes = chosen.flatten()
         size = radius[shapes]
-        entry = torch.arange(int(size.sum()), device=radius.device)
-        entry += torch.repeat_interleave(first_level(radius)[shapes] - first_level(size), size)
+        of_parts = self.parts is not None
+        entries = torch.zeros_like(size) if of_parts else size
+        entry = torch.arange(int(entries.sum()), device=radius.device)
+        entry += (first_level(radius)[shapes] - first_level(entries))[owners(entries)]
         measure = self.measure
         if isinstance(measure.rho, Tensor):
             measure = replace(measure, rho=measure.rho.broadcast_to(lead)[index])
@@ -108,12 +142,14 @@ class ComplexityProfile:
             level_error_bound=self.level_error_bound[entry],
             measure=measure,
             seconds=self.seconds.flatten()[shapes.cpu()].reshape(chosen.shape),
+            angle=None if self.angle is None else self.angle.flatten()[shapes.cpu()].reshape(chosen.shape),
+            parts=None if self.parts is None else self.parts.select(shapes, len(radius)),
         )
 
     def mean(self, low: float = 0.0, high: float = 1.0) -> Tensor:
         """Exact mean over the scales in (low, high], not a mean over a grid of samples.
 
-        It is sum_k E_k length(((k-1)/D, k/D] ∩ (low, high]) / (high - low).
+        It is sum_k E_k length(((k-1)/D, k/D] ∩ (low, high]) / (high - low); of parts the mean of theirs.
 
         Args:
             low: lower end of the window, excluded.
@@ -132,7 +168,10 @@ class ComplexityProfile:
             >>> profile.mean(), profile.mean(0.75, 1.0)
             (tensor(0.8227, dtype=torch.float64), tensor(0.1837, dtype=torch.float64))
         """
-        return self._mean_of(self.level_values, *window(low, high))
+        low, high = window(low, high)
+        if self.parts is not None:
+            return self._lead(self._pooled(self.parts.profile.mean(low, high)))
+        return self._mean_of(self.level_values, low, high)
 
     def error_bound(self, low: float = 0.0, high: float = 1.0) -> Tensor:
         """How far `mean(low, high)` can be from the complexity of the exact field, proven.
@@ -166,7 +205,50 @@ class ComplexityProfile:
             >>> bool((rough.mean() - 1.7651).abs() <= rough.error_bound()), bool(rough.error_bound() < 4)
             (True, True)
         """
-        return self._mean_of(self.level_error_bound, *window(low, high))
+        low, high = window(low, high)
+        if self.parts is not None:
+            return self._lead(self._pooled(self.parts.profile.error_bound(low, high)))
+        return self._mean_of(self.level_error_bound, low, high)
+
+    def standard_error(self, low: float = 0.0, high: float = 1.0) -> Tensor:
+        """How much `mean(low, high)` would vary if other rotations were taken, for orientation="mean".
+
+        The standard deviation (with n - 1) of the numbers of the n rotations, divided by the square root of n.
+
+        Args:
+            low: lower end of the window, excluded.
+            high: upper end of the window, included; 0 <= low < high <= 1.
+
+        Returns:
+            (*lead) tensor of the dtype of `values`, in their unit; NaN for an empty shape and for one rotation.
+
+        Raises:
+            TypeError: `low` or `high` is no number.
+            ValueError: not 0 <= low < high <= 1, or the orientation is another one.
+
+        Example:
+            >>> import torchlinf
+            >>> disc = torchlinf.shapes.disc(16)
+            >>> profile = torchlinf.complexity_profile(disc, orientation="mean", rotations=3, spatial_ndim=2)
+            >>> bool(profile.standard_error() < 0.1 * profile.mean())
+            True
+        """
+        each = self._by_rotation(*window(low, high))  # (N, rotations)
+        count = each.shape[1]
+        spread = each.std(dim=1) if count > 1 and len(each) else torch.full_like(each[:, 0], torch.nan)
+        return self._lead(spread / count**0.5)
+
+    def _by_rotation(self, low: float, high: float) -> Tensor:
+        """The mean over (low, high] of each shape at each rotation, its objects pooled: (N, rotations)."""
+        if self.measure.orientation != "mean" or self.parts is None:
+            raise ValueError(
+                "a standard error must be one over rotations; got a profile with "
+                f'orientation={self.measure.orientation!r}. Pass orientation="mean".'
+            )
+        parts = self.parts
+        if self.measure.per == "mask":
+            return parts.profile.mean(low, high).reshape(-1, self.measure.rotations)
+        return parts.pooled(parts.profile._by_rotation(low, high), self.radius.numel())
 
     def _mean_of(self, of_levels: Tensor, low: float, high: float) -> Tensor:
         """Exact mean over the scales in (low, high] of one number a level."""
@@ -189,6 +271,8 @@ class ComplexityProfile:
             >>> torchlinf.complexity_profile(torchlinf.shapes.disc(8), spatial_ndim=2).peak()
             (tensor(1.2867, dtype=torch.float64), tensor(0.1667, dtype=torch.float64))
         """
+        if self.parts is not None:
+            return self._peak_of_parts()
         shape, number = self._numbered()
         radius = self.radius.flatten()
         value = self.level_values.new_full(radius.shape, torch.nan)
@@ -198,21 +282,72 @@ class ComplexityProfile:
         first = radius.scatter_reduce(0, shape, rank, "amin", include_self=False)
         return self._lead(value), self._lead(first / radius.to(value))
 
+    def _pooled(self, values: Tensor) -> Tensor:
+        """One number a mask (N,) of one number a part."""
+        assert self.parts is not None
+        return self.parts.pooled(values[:, None], self.radius.numel())[:, 0]
+
+    def _peak_of_parts(self) -> tuple[Tensor, Tensor]:
+        value = torch.full(self.radius.shape, torch.nan, dtype=self.values.dtype, device=self.values.device)
+        scale = value.clone()
+        for index in (self.radius > 0).nonzero().tolist():
+            ends, values, _ = self[tuple(index)].steps()
+            value[tuple(index)], scale[tuple(index)] = values.max(), ends[values.argmax()]
+        return value, scale
+
+    def steps(self) -> tuple[Tensor, Tensor, Tensor]:
+        """The profile of one shape as the staircase that it is.
+
+        Returns:
+            Three (S,) tensors of the dtype of `level_values`: the scale at which each step ends, in (0, 1] and
+            ascending, its value, and how far this can be from that of the exact field. A shape of radius D has D steps
+            of the same length; a mean of parts steps where one of them does. An empty shape has none.
+
+        Raises:
+            ValueError: the profile is of several shapes.
+
+        Example:
+            >>> import torchlinf
+            >>> mask = torch.ones(3, 9)
+            >>> mask[1:, 4] = 0
+            >>> torchlinf.complexity_profile(mask, per="object", spatial_ndim=2).steps()[0]
+            tensor([0.5000, 1.0000], dtype=torch.float64)
+        """
+        if self.radius.numel() != 1:
+            raise ValueError(f"steps must be those of one shape; got {self.radius.numel()}. Pass profile[0].steps().")
+        if self.parts is not None:
+            return self.parts.steps()
+        count = len(self.level_values)
+        number = torch.arange(1, count + 1, device=self.level_values.device).to(self.level_values)
+        return number / max(count, 1), self.level_values, self.level_error_bound
+
     def _numbered(self) -> tuple[Tensor, Tensor]:
         """For each entry of `level_values` its shape in the flattened batch, and its level k."""
         radius = self.radius.flatten()
-        # Not repeat_interleave, which starts OpenMP's threads at any size: a child process that is forked later, and
-        # calls it too, would wait for threads that it does not have.
-        ends = radius.cumsum(0)
-        passed = radius.new_zeros(int(radius.sum()) + 1).index_add(0, ends, torch.ones_like(ends))
-        shape = passed[:-1].cumsum(0)
+        shape = owners(radius)
         return shape, torch.arange(1, len(shape) + 1, device=radius.device) - first_level(radius)[shape]
 
     def _lead(self, flat: Tensor) -> Tensor:
         return flat.reshape(self.radius.shape).to(self.values.dtype)
 
+    def _to(self, device: torch.device, dtype: torch.dtype | None) -> "ComplexityProfile":
+        """A profile of float64 on the CPU brought to a device, its values in `dtype`."""
+        real = torch.float32 if device.type == "mps" else torch.float64
+        moved = replace(
+            self,
+            scales=self.scales.to(dtype or real).to(device),
+            values=self.values.to(dtype or real).to(device),
+            radius=self.radius.to(device),
+            field_error_bound=self.field_error_bound.to(real).to(device),
+            level_values=self.level_values.to(real).to(device),
+            level_error_bound=self.level_error_bound.to(real).to(device),
+        )
+        if self.parts is None:
+            return moved
+        return replace(moved, parts=self.parts.mapped(lambda profile: profile._to(device, None), device))
 
-@takes(LevelOptions)
+
+@takes(ProfileOptions)
 def complexity_profile(
     mask: Tensor,
     *,
@@ -220,7 +355,7 @@ def complexity_profile(
     method: str = "auto",
     spatial_ndim: int | None = None,
     dtype: torch.dtype | None = None,
-    **options: Unpack[LevelOptions],
+    **options: Unpack[ProfileOptions],
 ) -> ComplexityProfile:
     """Complexity of shapes against scale.
 
@@ -258,12 +393,12 @@ def complexity_profile(
         >>> profile.values, profile.radius
         (tensor([0.9799, 0.8813, 0.0000], dtype=torch.float64), tensor(6))
     """
-    measure = Measure.of(options, LevelOptions)
+    measure = Measure.of(options, ProfileOptions)
     choice(method, ("auto", *METHODS), "method")
     real_dtype(dtype)
     grid = scale_grid(scales)
     masks, lead = as_mask(mask, spatial_ndim)
-    return profile_of_levels(levels_of(masks, lead, measure, method), lead, measure, grid, dtype)
+    return _profile_of_masks(masks, lead, measure, method, grid, dtype)
 
 
 def ragged_profile(mask_at: MaskAt, count: int, measure: Measure) -> ComplexityProfile:
@@ -290,17 +425,21 @@ def ragged_profile(mask_at: MaskAt, count: int, measure: Measure) -> ComplexityP
         >>> profile.radius, profile.mean()
         (tensor([2, 1]), tensor([0., 0.], dtype=torch.float64))
     """
-    return profile_of_levels(levels_of_each(mask_at, count, (count,), measure), (count,), measure)
+    if measure.is_plain:
+        return profile_of_levels(levels_of_each(mask_at, count, (count,), measure), (count,), measure)
+    from torchlinf.measure.objects import profile_of_parts
+
+    return profile_of_parts(mask_at, (count,), measure)
 
 
-@takes(WindowOptions)
+@takes(MeanOptions)
 def complexity(
     mask: Tensor,
     *,
     method: str = "auto",
     spatial_ndim: int | None = None,
     dtype: torch.dtype | None = None,
-    **options: Unpack[WindowOptions],
+    **options: Unpack[MeanOptions],
 ) -> Tensor:
     """Mean complexity of each shape over the scales in (low, high].
 
@@ -331,12 +470,33 @@ def complexity(
         >>> complexity(torch.stack([shapes.box(17, 17), shapes.disc(8)]), spatial_ndim=2)
         tensor([0.0000, 0.6233], dtype=torch.float64)
     """
-    measure = Measure.of(options, WindowOptions)
+    measure = Measure.of(options, MeanOptions)
     choice(method, ("auto", *METHODS), "method")
     real_dtype(dtype)
     masks, lead = as_mask(mask, spatial_ndim)
-    profile = profile_of_levels(levels_of(masks, lead, measure, method), lead, measure, dtype=dtype)
-    return profile.mean(measure.low, measure.high)
+    return _profile_of_masks(masks, lead, measure, method, None, dtype).mean(measure.low, measure.high)
+
+
+def _profile_of_masks(
+    masks: Tensor,
+    lead: tuple[int, ...],
+    measure: Measure,
+    method: str,
+    grid: tuple[Tensor, Tensor] | None,
+    dtype: torch.dtype | None,
+) -> ComplexityProfile:
+    """The profile of checked masks, bool (N, *spatial), of the leading shape `lead`."""
+    if measure.is_plain:
+        return profile_of_levels(levels_of(masks, lead, measure, method), lead, measure, grid, dtype)
+    from torchlinf.measure.objects import profile_of_parts
+
+    if method not in ("auto", "compiled"):
+        raise ValueError(
+            f'method must be "auto" or "compiled" beside orientation or per="object"; got {method!r}. Leave method out.'
+        )
+    arrays = masks.cpu().numpy()
+    profile = profile_of_parts(arrays.__getitem__, lead, measure, grid)
+    return profile._to(masks.device, dtype)
 
 
 def profile_of_field(field: Tensor, distance: Tensor, field_error: Tensor, measure: Measure) -> ComplexityProfile:

@@ -11,7 +11,7 @@ from torchlinf._helpers.checks import choice
 from torchlinf.measure import ComplexityProfile, LevelOptions, Measure, complexity_profile, takes
 from torchlinf.regions.grids import Bounds, Grid, Plane, Stack
 from torchlinf.regions.open_boundary import open_profile
-from torchlinf.regions.orientations import Angle, RegionOptions, turned_grids, upright
+from torchlinf.regions.orientations import Angle, RegionOptions, turned_grids
 from torchlinf.regions.responses import ResponseOptions, class_masks
 
 Boundary = Literal["background", "open"]
@@ -247,9 +247,9 @@ def regions_on_each(
     found = []
     for angle, of_angle in zip(angles, masks.unbind(dim=1), strict=True):
         if boundary == "open":
-            profile = open_profile(of_angle, upright(measure))
+            profile = open_profile(of_angle, measure.plain())
         else:
-            levels = upright(measure).options(LevelOptions)
+            levels = measure.plain().options(LevelOptions)
             profile = complexity_profile(of_angle, spatial_ndim=of_angle.ndim - 1, **levels)
         area = of_angle.flatten(1).double().mean(dim=1)
         found.append(DecisionRegions(names, of_angle, grid.axes, profile, area, grid.plane, angle))

@@ -20,11 +20,6 @@ class PlaneOptions(WindowOptions, FrameOptions, total=False):
     """Options of one number a plane, on a grid that may be turned."""
 
 
-def upright(measure: Measure) -> Measure:
-    """The same measure, of masks that lie as they are: the grid was turned already."""
-    return replace(measure, orientation=None, rotations=Measure.rotations)
-
-
 def turned_grids(grid: Grid, measure: Measure) -> list[tuple[Angle | None, Grid]]:
     """Every rotation that the orientation asks for, degrees or a matrix, and the grid that shows it.
 

@@ -107,6 +107,7 @@ class Found(NamedTuple):
         rule: what is inside, in words.
         label: which label, None if the mask is not of one.
         shape: of the whole image; `inside` may be a part of it that holds all of the label.
+        origin: where in the image that part begins, one number an axis; empty if `inside` is the whole image.
     """
 
     suffix: str
@@ -114,6 +115,7 @@ class Found(NamedTuple):
     rule: str
     label: int | None
     shape: tuple[int, ...]
+    origin: tuple[int, ...] = ()
 
 
 def read_mask(
@@ -333,4 +335,5 @@ def _every_label(labels: NDArray[Any], valid: NDArray[np.bool_] | None) -> Itera
     if not boxes:
         yield Found("", np.zeros(labels.shape, dtype=np.bool_), "no label", None, labels.shape)
     for number, (name, box) in enumerate(zip(names.tolist(), boxes, strict=True), start=1):
-        yield Found(f"#{name}", numbered[box] == number, f"label {name}", name, labels.shape)
+        origin = tuple(side.start for side in box)
+        yield Found(f"#{name}", numbered[box] == number, f"label {name}", name, labels.shape, origin)

@@ -1,13 +1,15 @@
 """Masks in files and archives in, one row of numbers a mask out. A bad mask gives a row with an error."""
 
 import time
-from collections.abc import Collection, Generator, Iterable
+from collections.abc import Collection, Generator, Iterable, Iterator
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import Any, Unpack
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from torchlinf import __version__
@@ -22,7 +24,12 @@ from torchlinf.scoring.workers import in_order
 
 LONGEST = 500  # characters of an error: some quote a part of the file
 EMPTY = "no foreground: no pixel is inside"
-NOT_OF_A_MASK = ("path", "seconds", "inside", "label", "category", "image", "version", "measure")
+SMALL = "no object: every component has fewer pixels than min_pixels"
+SIDES = (("front", "back"), ("top", "bottom"), ("left", "right"))  # of a box, by axis
+NOT_OF_A_MASK = (
+    *("path", "seconds", "inside", "label", "category", "image", "version", "measure"),
+    *("object", *chain.from_iterable(SIDES)),
+)
 
 
 @takes(MeasureOptions, windows=WINDOWS)
@@ -34,9 +41,11 @@ def score_mask(inside: NDArray[np.bool_], **options: Unpack[MeasureOptions]) -> 
         {measure options}
 
     Returns:
-        The columns from `height` to `field_error_bound`, with one for each window, and `error`; see `Score`. If `low`
+        The columns from `height` to `field_error_bound`, with one for each window, `objects`, `angle`, `standard_error`
+        and `error`; see `Score`. If `low`
         or `high` is given, or `windows` is None, the one window is called "complexity". For a mask without a pixel
-        inside `error` says so, and its complexities are None.
+        inside `error` says so, and its complexities are None. With `per="object"` the numbers of the objects are
+        pooled, if nothing else is said by `pool="mean"`.
 
     Raises:
         TypeError: an option is of the wrong type; `rho` must be None or one number.
@@ -48,7 +57,7 @@ def score_mask(inside: NDArray[np.bool_], **options: Unpack[MeasureOptions]) -> 
         >>> row["pixels"], row["radius"], row["components"], row["complexity"]
         (24, 2, 1, 0.0)
     """
-    row = _numbers(inside, score_measure(options)).cells()
+    (row,) = (one.cells() for one in _numbers(inside, _pooling(score_measure(options))))
     return {name: value for name, value in row.items() if name not in NOT_OF_A_MASK}
 
 
@@ -90,8 +99,9 @@ def score_masks(
         {measure options}
 
     Returns:
-        An iterator of one row a source (with `labels` and `stack` one a mask in it), each as soon as it and those
-        before it are done. A mask that fails gives a row with `error`. If `low` or `high` is given, or `windows` is
+        An iterator of one row a source (with `labels` and `stack` one a mask in it; with `per="object"` and without
+        `pool` one an object, named with its number behind: "map.png@2"), each as soon as it and those before it are
+        done. A mask that fails gives a row with `error`. If `low` or `high` is given, or `windows` is
         None, the one window is called "complexity". Close
         the iterator, for example by `contextlib.closing`, to end the workers before the last row.
 
@@ -127,6 +137,8 @@ def score_source(
 ) -> Score:
     """Score one mask; whatever is wrong with it is the row's `error`.
 
+    With `per="object"` the numbers of the objects are pooled, if nothing else is said by `pool="mean"`.
+
     Args:
         source: one of those that `find_masks` found.
         threshold: inside is what is greater, in the file's own units.
@@ -142,7 +154,8 @@ def score_source(
         TypeError: `source` is not a `Source`, or an option is of the wrong type.
         ValueError: an option has a wrong value.
     """
-    chosen = ScoreOptions(threshold, invert, max_pixels, None, score_measure(options), label, nonzero, ignore, volume)
+    measure = _pooling(score_measure(options))
+    chosen = ScoreOptions(threshold, invert, max_pixels, None, measure, label, nonzero, ignore, volume)
     (row,) = score_rows(source, chosen)
     return row
 
@@ -171,7 +184,7 @@ def score_groups(
 
 
 def score_rows(source: Source, options: ScoreOptions) -> list[Score]:
-    """The rows of a source: one, or with the options `labels` and `stack` one for each mask in it."""
+    """The rows of a source: one; with the options `labels` and `stack` one for each mask, or each of its objects."""
     if not isinstance(source, Source):
         raise TypeError(f"sources must be what find_masks found; got {source!r}. Pass find_masks(paths).")
     rows: list[Score] = []
@@ -180,8 +193,9 @@ def score_rows(source: Source, options: ScoreOptions) -> list[Score]:
     start = time.perf_counter()
     try:
         for found in read_all(source, options.reading):
-            row = _row(found, replace(blank, path=source.name + found.suffix), options.measure)
-            rows.append(replace(row, seconds=round(time.perf_counter() - start, 6)))
+            of_mask = _rows(found, replace(blank, path=source.name + found.suffix), options.measure)
+            share = round((time.perf_counter() - start) / len(of_mask), 6)
+            rows += [replace(row, seconds=share) for row in of_mask]
             start = time.perf_counter()
     except Exception as error:
         # The others go on, whatever this one met: a damaged file, memory that runs out.
@@ -189,16 +203,32 @@ def score_rows(source: Source, options: ScoreOptions) -> list[Score]:
     return rows
 
 
-def _row(found: Found, blank: Score, measure: Measure) -> Score:
-    row = replace(blank, inside=found.rule, label=found.label)
+def _rows(found: Found, blank: Score, measure: Measure) -> list[Score]:
+    """The row of a mask, or one for each of its objects."""
+    blank = replace(blank, inside=found.rule, label=found.label)
     try:
-        numbers = _numbers(found.inside, measure)
+        rows = _numbers(found.inside, measure, found.origin)
     except Exception as error:  # a field that does not converge
-        return replace(row, error=error_text(error))
-    kept = ("path", "inside", "label", "category", "image")
-    own = {name: getattr(row, name) for name in kept}
+        return [replace(blank, error=error_text(error))]
+    kept = ("inside", "label", "category", "image")
+    own = {name: getattr(blank, name) for name in kept}
     width, height, depth = (*reversed(found.shape), None)[:3]
-    return replace(numbers, **own, width=width, height=height, depth=depth)
+    return [
+        replace(
+            row,
+            **own,
+            path=blank.path if row.object is None else f"{blank.path}@{row.object}",
+            width=width,
+            height=height,
+            depth=depth,
+        )
+        for row in rows
+    ]
+
+
+def _pooling(measure: Measure) -> Measure:
+    """The measure where there can be one row alone: objects are pooled."""
+    return replace(measure, pool="mean") if measure.per == "object" and measure.pool is None else measure
 
 
 def blank_row(path: str, measure: Measure, error: str | None = None) -> Score:
@@ -234,27 +264,66 @@ def _storable(text: str | None) -> str | None:
     return None if text is None else str(text).encode("utf-8", "backslashreplace").decode()
 
 
-def _numbers(inside: NDArray[np.bool_], measure: Measure) -> Score:
-    """The row of a mask that has been read."""
+def _numbers(inside: NDArray[np.bool_], measure: Measure, origin: tuple[int, ...] = ()) -> list[Score]:
+    """The row of a mask that has been read, or one for each of its objects, which lies at `origin` in its image."""
     from skimage.measure import label
 
     row = replace(blank_row("", measure), pixels=int(np.count_nonzero(inside)))
     row = replace(row, **dict(zip(("width", "height", "depth"), reversed(inside.shape), strict=False)))
+    pooled = measure.per == "object" and measure.pool is not None
     if not row.pixels:
-        return replace(row, radius=0, components=0, error=EMPTY)
-    shape = np.ascontiguousarray(inside[bounding_box(inside)])
+        return [replace(row, radius=0, components=0, objects=0 if pooled else None, error=EMPTY)]
+    box = bounding_box(inside)
+    shape = np.ascontiguousarray(inside[box])
     profile = ragged_profile([shape].__getitem__, 1, measure)
-    peak, peak_scale = profile.peak()
-    return replace(
-        row,
-        radius=int(profile.radius),
-        components=int(label(shape, connectivity=shape.ndim, return_num=True)[1]),  # type: ignore[no-untyped-call]
-        values={name: profile.mean(*ends).item() for name, ends in measure.named_windows().items()},
-        peak=peak.item(),
-        peak_scale=peak_scale.item(),
-        error_bound=max(profile.error_bound(*ends).item() for ends in measure.named_windows().values()),
-        field_error_bound=profile.field_error_bound.item(),
-    )
+    if measure.per == "mask" or pooled:
+        components = int(label(shape, connectivity=shape.ndim, return_num=True)[1])  # type: ignore[no-untyped-call]
+        row = replace(row, components=components, objects=int(profile.objects) if pooled else None)
+        if not profile.radius.all():
+            return [replace(row, radius=0, error=SMALL)]
+        return [replace(row, **numbers) for numbers in _columns(profile, measure)]
+    assert profile.parts is not None
+    if not profile.objects.all():
+        return [replace(row, radius=0, components=0, error=SMALL)]
+    begin = [side.start + first for side, first in zip(box, origin or (0,) * shape.ndim, strict=True)]
+    alone, places, pixels = profile.parts.profile, profile.parts.box, profile.parts.pixels
+    assert places is not None
+    assert pixels is not None
+    rows = []
+    for number, (columns, place, count) in enumerate(
+        zip(_columns(alone, measure), places.tolist(), pixels.tolist(), strict=True), start=1
+    ):
+        ends = {
+            name: first + end
+            for names, side, first in zip(SIDES[-shape.ndim :], place, begin, strict=True)
+            for name, end in zip(names, side, strict=True)
+        }
+        rows.append(replace(row, **columns, **ends, object=number, pixels=count, components=1))
+    return rows
+
+
+def _columns(profile: ComplexityProfile, measure: Measure) -> Iterator[dict[str, Any]]:
+    """The columns that follow from a profile, of each of its shapes."""
+    windows = measure.named_windows()
+    means = {name: profile.mean(*ends).tolist() for name, ends in windows.items()}
+    bounds = torch.stack([profile.error_bound(*ends) for ends in windows.values()]).amax(dim=0).tolist()
+    peaks, scales = (one.tolist() for one in profile.peak())
+    angles = [None] * len(bounds) if profile.angle is None else profile.angle.tolist()
+    errors = [None] * len(bounds)
+    if measure.orientation == "mean":
+        found = torch.stack([profile.standard_error(*ends) for ends in windows.values()]).amax(dim=0).tolist()
+        errors = [None if np.isnan(error) else error for error in found]
+    for i, radius in enumerate(profile.radius.tolist()):
+        yield {
+            "radius": radius,
+            "values": {name: values[i] for name, values in means.items()},
+            "peak": peaks[i],
+            "peak_scale": scales[i],
+            "error_bound": bounds[i],
+            "field_error_bound": profile.field_error_bound[i].item(),
+            "angle": angles[i],
+            "standard_error": errors[i],
+        }
 
 
 def _seconds(rows: list[Score]) -> float:
