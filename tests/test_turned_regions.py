@@ -14,6 +14,7 @@ from torch import Tensor
 
 import torchlinf
 from torchlinf import Measure, plot, regions
+from torchlinf.measure import turned
 from torchlinf.regions import (
     RegionSummary,
     decision_plane,
@@ -445,3 +446,31 @@ def test_the_summary_is_a_record_of_public_parts() -> None:
     assert summary.regions[0].profile.measure == Measure()
     pandas = pytest.importorskip("pandas")
     assert list(pandas.DataFrame(summary.table()).columns) == ["class", "complexity", "standard_error", "share"]
+
+
+def overlap(first: np.ndarray, second: np.ndarray) -> float:
+    """Intersection over union of two shapes with the centroids within a pixel of each other: of all shifts the best."""
+    canvases = np.zeros((2, 99, 99), dtype=bool)
+    for canvas, mask in zip(canvases, (first, second), strict=True):
+        place = np.argwhere(mask)
+        canvas[tuple((place - place.mean(axis=0)).round().astype(int).T + 49)] = True
+    shifted = [np.roll(canvases[1], shift, axis=(0, 1)) for shift in np.ndindex(3, 3)]
+    moved = np.roll(canvases[0], 1, axis=(0, 1))
+    return max(float((moved & other).sum() / (moved | other).sum()) for other in shifted)
+
+
+def test_regions_turn_as_masks_do() -> None:
+    """One meaning of degrees: a region with the shape of a mask is turned to where `orientation` turns the mask."""
+    mask = torch.zeros(40, 40, dtype=torch.bool)
+    mask[10:30, 12:18], mask[24:30, 12:33] = True, True
+
+    def shape(points: Tensor) -> Tensor:
+        row, column = points.round().long().T
+        within = (row >= 0) & (row < 40) & (column >= 0) & (column < 40)
+        return within & mask[row.clamp(0, 39), column.clamp(0, 39)]
+
+    found = decision_region_complexity(
+        shape, [(0.0, 39.0)] * 2, resolution=40, orientation=25, classes=[False, True]
+    ).masks[1]
+    assert overlap(found.numpy(), turned(mask.numpy(), 25)) > 0.9
+    assert overlap(found.numpy(), turned(mask.numpy(), -25)) < 0.6
