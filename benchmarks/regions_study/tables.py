@@ -108,7 +108,7 @@ def _directions(runs: Runs) -> Table:
         apart = np.mean([np.mean(np.abs(np.subtract(run["grid"], run["mean"]))) for run in found])
         same = mean_of(over_seeds(found, "grid", "mean"))
         rows.append([name, f"{errors:.2f}", f"{apart:.2f}", _shown(same)])
-    columns = ["set", "standard error of the mean, bits", "|grid - mean|, bits", "rank correlation of grid and mean"]
+    columns = ["set", "standard error of the mean, bits", "grid less mean, absolute, bits", "rank correlation of both"]
     return Table("Grid and mean of rotations", columns, rows, "Means over the classifiers and seeds.")
 
 

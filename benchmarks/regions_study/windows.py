@@ -13,6 +13,7 @@ compared, all around the centre of the box and with the same steps:
 import argparse
 import math
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,9 @@ from benchmarks.regions_study.measures import EPS, ROTATIONS, targets
 from benchmarks.results import Cell, Table, markdown
 from torchlinf.regions import bounds_around, decision_region_complexity
 
+DOCS = Path(__file__).parents[2] / "docs"
+FILE = "regions_study_windows.inc"
+REAL = [name for name in VIEWS if name not in SYNTHETIC]
 ANGLES = [i * 90 / ROTATIONS for i in range(ROTATIONS)]
 SIDES = {
     "same side": lambda angle: 1.0,
@@ -35,13 +39,16 @@ SIDES = {
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Print the table."""
+    """Print and write the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.regions_study.windows", description=__doc__)
-    parser.add_argument("--only", action="append", choices=VIEWS, metavar="NAME", help="a data set; several times")
-    parser.add_argument("--resolution", type=int, default=96, help="points along each side of the box")
+    parser.add_argument("--only", action="append", choices=REAL, metavar="NAME", help="a data set; several times")
+    parser.add_argument("--resolution", type=int, default=64, help="points along each side of the box")
+    parser.add_argument("--out", type=Path, default=DOCS, help="folder for the table")
     options = parser.parse_args(arguments)
-    found = {name: compared(split(VIEWS[name], 0), options.resolution) for name in options.only or VIEWS}
-    print(markdown(table(found)))
+    found = {name: compared(split(VIEWS[name], 0), options.resolution) for name in options.only or REAL}
+    text = markdown(table(found))
+    print(text)
+    (options.out / FILE).write_text(text, encoding="utf-8")
 
 
 def compared(halves: Split, resolution: int) -> dict[str, dict[str, float]]:
@@ -91,8 +98,8 @@ def seen(points: Array, bounds: list[tuple[float, float]], window: str) -> float
 
 
 def table(found: dict[str, dict[str, dict[str, float]]]) -> Table:
-    """Means over the real data sets."""
-    real = [of_set for name, of_set in found.items() if name not in SYNTHETIC]
+    """Means over the data sets."""
+    real = list(found.values())
     rows: list[list[Cell]] = []
     for window in SIDES:
         seen_, bits, *correlations = (mean_of([of_set[window][what] for of_set in real]) for what in real[0][window])
