@@ -1,6 +1,7 @@
 """The study of decision regions: its rivals by hand, its rank correlations against SciPy, and the stored results."""
 
 import math
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -133,6 +134,15 @@ def test_the_tables_are_those_of_the_stored_results(tmp_path: Path) -> None:
     assert (tmp_path / command.FILE).read_text(encoding="utf-8") == (command.DOCS / command.FILE).read_text(
         encoding="utf-8"
     )
+
+
+def test_the_page_quotes_its_tables() -> None:
+    page, tables, seen = (
+        (command.DOCS / name).read_text(encoding="utf-8") for name in ("regions_study.md", command.FILE, windows.FILE)
+    )
+    quoted = re.findall(r"-?\d\.\d\d ± \d\.\d\d", page)
+    assert len(quoted) >= 12
+    assert [number for number in quoted if f" {number} " not in tables + seen] == []
 
 
 def test_windows_see_what_they_hold() -> None:

@@ -173,7 +173,8 @@ def decision_region_complexity(
             Here the grid is turned about its centre, not the regions: the classifier is asked at the points of the
             turned grid, up to 21 % of a side beyond the bounds, and nothing is resampled. "own" is refused, since the
             edge of the grid cuts the regions, and so is "mean", which `decision_region_summary` takes. "least": the
-            rotation with the smallest overall complexity over all scales.
+            rotation with the smallest overall complexity over all scales; with unequal resolutions the rotations are
+            i * 180 / rotations degrees.
 
     Returns:
         `DecisionRegions`. A class that is nowhere has complexity NaN and is counted by `num_empty`; one that is
