@@ -54,6 +54,7 @@ def test_the_fields_of_the_results() -> None:
     names = [field.name for field in dataclasses.fields(torchlinf.ComplexityProfile)]
     assert names == [
         "scales", "values", "radius", "field_error_bound", "level_values", "level_error_bound", "measure", "seconds",
+        "angle", "parts",
     ]  # fmt: skip
 
 

@@ -267,7 +267,7 @@ ENTRIES = {
     ),
     "losses.ShapeComplexityLoss": Entry(
         losses.ShapeComplexityLoss,
-        WindowOptions,
+        MeanOptions,
         0,
         lambda m, **o: losses.ShapeComplexityLoss(max_flips=1, **o)(m[None, None].double()),
     ),

@@ -35,9 +35,9 @@ class ShapeComplexityLoss(nn.Module):
     whole, one by one, and the change dC that each flip makes to the complexity is spread over the pixels of its region.
     Moving the probability of a region R by a small e changes the loss by e dC(R), up to other regions that overlap R.
 
-    With `per="object"` every object of a thresholded prediction is a shape of its own, and the loss of the prediction
-    is the mean over its objects, as `pool` says. With an `orientation` every shape is turned first. What is flipped then
-    are regions of the turned shape, and the gradient comes back to the pixels that it was interpolated from.
+    With `per="object"` every object of a thresholded prediction is a shape of its own, and the loss of a prediction
+    is the mean over its objects, as `pool` says. With an `orientation` every shape is turned first. What is flipped
+    then are regions of the turned shape, and the gradient comes back to the pixels that it was interpolated from.
 
     It regularises; it does not know what is in the image. Add it to a data term, such as Dice or cross-entropy. It is
     most useful once the predicted shapes resemble something: let a network train some epochs without it.
@@ -169,8 +169,9 @@ class ShapeComplexityLoss(nn.Module):
             probability = probability[:, 1:]
             target = target if target is None else target[:, 1:]
             mask = mask if mask is None else mask.expand_as(input)[:, 1:]
-        complexity = self._complexity if self.measure.is_plain else self._complexity_of_parts
-        return self._reduce(complexity(probability, mask), target)
+        if not self.measure.is_plain:
+            return self._loss_of_parts(probability, mask, target)
+        return self._reduce(self._complexity(probability, mask), target)
 
     def extra_repr(self) -> str:
         """The options, for print."""
@@ -197,6 +198,9 @@ class ShapeComplexityLoss(nn.Module):
         return (value + carrier.flatten(1).sum(dim=1)).reshape(probability.shape[:2])
 
     @torch.compiler.disable  # type: ignore[untyped-decorator]
+    def _loss_of_parts(self, probability: Tensor, mask: Tensor | None, target: Tensor | None) -> Tensor:
+        return self._reduce(self._complexity_of_parts(probability, mask), target)
+
     def _complexity_of_parts(self, probability: Tensor, mask: Tensor | None) -> Tensor:
         """(B, C): the same, each the mean over its objects, in their frames."""
         flat = probability.flatten(0, 1)

@@ -2,6 +2,7 @@
 
 from torchlinf.measure.frames import Rectangle, own_angle, smallest_rectangle, turned
 from torchlinf.measure.levels import Levels, level_values
+from torchlinf.measure.masks import complexity, complexity_profile, ragged_profile
 from torchlinf.measure.objects import (
     Component,
     components,
@@ -23,16 +24,8 @@ from torchlinf.measure.options import (
     WindowOptions,
     takes,
 )
-from torchlinf.measure.parts import Parts
 from torchlinf.measure.pixel_map import complexity_map
-from torchlinf.measure.profile import (
-    ComplexityProfile,
-    complexity,
-    complexity_profile,
-    profile_of_field,
-    profile_of_levels,
-    ragged_profile,
-)
+from torchlinf.measure.profile import ComplexityProfile, Parts, profile_of_field, profile_of_levels
 from torchlinf.measure.soft import soft_complexity
 
 __all__ = [

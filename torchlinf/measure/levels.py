@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import ceil
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -27,6 +28,7 @@ from torchlinf.measure.options import Measure
 CHUNK = 8  # shapes that a thread takes at a time: handing over one costs a tenth of solving a small one
 
 MaskAt = Callable[[int], NDArray[np.bool_]]
+Keep = Callable[[int, tuple[slice, ...], NDArray[np.float64], NDArray[np.int32]], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +77,7 @@ def solved_levels(
     field, error = solved.value, solved.error_bound
     values, bounds = level_values(field, problem.distance, radius, error, measure)
     for tol in _tighter(measure):
-        shape = torch.repeat_interleave(torch.arange(len(radius), device=radius.device), radius)
-        doubtful = shape[bounds > measure.tol_bits].unique()
+        doubtful = shape_of_level(radius)[bounds > measure.tol_bits].unique()
         if not len(doubtful):
             break
         finer = solve(problem.select(doubtful), (len(doubtful),), tol=tol, method=method, throw=False)
@@ -100,7 +101,9 @@ def _tighter(measure: Measure) -> Iterator[float]:
     yield 1e-300  # as far as floating point goes
 
 
-def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: Measure) -> Levels:
+def levels_of_each(
+    mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: Measure, keep: Keep | None = None
+) -> Levels:
     """The levels of `count` shapes that need not be of one size, on the CPU.
 
     Only the masks being worked on exist, one for each of torch's threads, and a shape costs its kernels and little
@@ -111,6 +114,8 @@ def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: 
         count: how many there are, the product of `lead`.
         lead: leading shape, for messages and for a `rho` with one value a shape.
         measure: how complexity is measured.
+        keep: called with the number of each shape that was solved, its box, and the field and the distance (on the
+            rims, for those) in it; on several threads. It needs the compiled kernels.
 
     Raises:
         RuntimeError: a field could not be certified.
@@ -127,7 +132,10 @@ def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: 
         if not mask[box].size:
             return
         if has_compiler():
-            values[i], bounds[i], error[i], sweeps[i], status[i] = _by_kernels(mask[box], rhos(i), measure, check)
+            solved = _by_kernels(mask[box], rhos(i), measure, check)
+            values[i], bounds[i], error[i], sweeps[i], status[i] = solved[:5]
+            if keep is not None and status[i] == Status.CONVERGED:
+                keep(i, box, solved.field, solved.distance)
         else:
             alone = torch.from_numpy(np.ascontiguousarray(mask[box]))[None]
             found = levels_of(alone, (), replace(measure, rho=rhos(i)), "accelerated")
@@ -158,11 +166,21 @@ def _rho_of_each(measure: Measure, lead: tuple[int, ...]) -> Callable[[int], flo
     return given.__getitem__
 
 
-def _by_kernels(
-    mask: NDArray[np.bool_], rho: float | None, measure: Measure, check: Callable[[], None]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float, int, int]:
-    """Values and bounds of the levels, bound of the field, sweeps and status of one cropped shape."""
-    from torchlinf.kernels import histograms
+class _Solved(NamedTuple):
+    """The solve of one shape: its levels, its error, and field and distance (on the rims, for those) in its box."""
+
+    values: NDArray[np.float64]
+    error_bound: NDArray[np.float64]
+    field_error_bound: float
+    sweeps: int
+    status: int
+    field: NDArray[np.float64]
+    distance: NDArray[np.int32]
+
+
+def _by_kernels(mask: NDArray[np.bool_], rho: float | None, measure: Measure, check: Callable[[], None]) -> _Solved:
+    """Solve one cropped shape."""
+    from torchlinf.kernels import grid, histograms
 
     solved = solve_shape(mask, rho, measure.tol, check)
     distance = solved.shape.distance
@@ -183,7 +201,9 @@ def _by_kernels(
         if bounds.max() <= measure.tol_bits or not solved.refine(tol):
             break
         values, bounds = estimate()
-    return values, bounds, solved.bound, solved.sweeps(), int(solved.status)
+    shape = solved.shape.grid.shape
+    field, distance = (flat.reshape(shape)[grid.interior(len(shape))] for flat in (solved.v, distance))
+    return _Solved(values, bounds, solved.bound, solved.sweeps(), int(solved.status), field, distance)
 
 
 def level_values(
@@ -224,8 +244,8 @@ def level_values(
     shape = inside.nonzero()[:, 0]  # (pixels,) the shape that each pixel of a level belongs to
     level = first_level(radius)[shape] + number[inside].long() - 1
     values, count = flat[inside] / peak[shape], int(radius.sum())
-    known = error + ROUNDING * peak.double() if flat.dtype == torch.float64 else error + 1e9 * ROUNDING * peak
-    of_level = torch.repeat_interleave(known, radius)
+    known = error + ROUNDING * peak * (torch.finfo(flat.dtype).eps / torch.finfo(torch.float64).eps)
+    of_level = known[shape_of_level(radius)]
     found = ESTIMATORS[measure.estimator](values, level, count, measure.bins)
     if measure.estimator == "std":
         return found, std_bounds(values, level, count, of_level)
@@ -251,6 +271,34 @@ def rim(distance: Tensor) -> Tensor:
     return torch.where(lowest < distance, distance, 0)
 
 
+def numbered(radius: Tensor) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """For each entry of the flat list of levels its shape, and its level k.
+
+    Args:
+        radius: (N,) integers, the number of levels of each shape.
+
+    Returns:
+        Two (sum of radius,) arrays: by NumPy, which starts no threads of OpenMP, see `torchlinf._helpers.parallel`.
+
+    Example:
+        >>> numbered(torch.tensor([3, 0, 2]))
+        (array([0, 0, 0, 2, 2]), array([1, 2, 3, 1, 2]))
+    """
+    sizes = radius.numpy(force=True).astype(np.int64)
+    shape = np.repeat(np.arange(len(sizes)), sizes)
+    return shape, np.arange(1, len(shape) + 1) - (np.cumsum(sizes) - sizes)[shape]
+
+
+def shape_of_level(radius: Tensor) -> Tensor:
+    """The first of what `numbered` gives, as a tensor on the device of `radius`.
+
+    Example:
+        >>> shape_of_level(torch.tensor([3, 0, 2]))
+        tensor([0, 0, 0, 2, 2])
+    """
+    return torch.from_numpy(numbered(radius)[0]).to(radius.device)
+
+
 def first_level(radius: Tensor) -> Tensor:
     """Position of each shape's level 1 in the flat list of levels.
 
@@ -265,23 +313,3 @@ def first_level(radius: Tensor) -> Tensor:
         tensor([0, 3, 3])
     """
     return radius.long().cumsum(0) - radius.long()
-
-
-def owners(counts: Tensor) -> Tensor:
-    """For each entry of a flat list the number of the one that it belongs to.
-
-    Args:
-        counts: (N,) integers, the number of entries of each.
-
-    Returns:
-        (sum of counts,) int64 tensor.
-
-    Example:
-        >>> owners(torch.tensor([3, 0, 2]))
-        tensor([0, 0, 0, 2, 2])
-    """
-    # Not repeat_interleave, which starts OpenMP's threads at any size: a child process that is forked later, and
-    # calls it too, would wait for threads that it does not have.
-    ends = counts.long().cumsum(0)
-    passed = ends.new_zeros(int(counts.sum()) + 1).index_add(0, ends, torch.ones_like(ends))
-    return passed[:-1].cumsum(0)

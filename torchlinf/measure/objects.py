@@ -17,10 +17,9 @@ from torch import Tensor
 from torchlinf._helpers.boxes import bounding_box
 from torchlinf._helpers.checks import positive_tensor
 from torchlinf.measure.frames import own_angle, turned
-from torchlinf.measure.levels import Levels, MaskAt, levels_of_each, owners
+from torchlinf.measure.levels import Levels, MaskAt, levels_of_each
 from torchlinf.measure.options import SEVERAL, Measure
-from torchlinf.measure.parts import Parts
-from torchlinf.measure.profile import ComplexityProfile, profile_of_levels
+from torchlinf.measure.profile import ComplexityProfile, Parts, profile_of_levels
 
 AT_A_TIME = 2**22  # pixels whose components are known at a time: four bytes each
 
@@ -258,12 +257,12 @@ def _in_frames(
     whole = (len(turned_by) // several,) if lead is None else lead
     first = torch.arange(0, len(turned_by), several, device="cpu")
     if measure.orientation == "mean":
-        ones = torch.ones_like(turned_by, dtype=torch.int64)
-        parts = Parts(profile, owners(torch.full_like(first, several)), ones, None, None)
+        owner = torch.from_numpy(np.arange(len(turned_by)) // several)
+        parts = Parts(profile, owner, torch.from_numpy(np.ones_like(owner)), None, None)
         return pooled(parts, whole, measure)
     if measure.orientation == "least":
-        means = profile.mean(measure.low, measure.high).reshape(-1, several).nan_to_num(nan=torch.inf)
-        first = first + (means.argmin(dim=1) if len(first) else 0)
+        means = np.nan_to_num(profile.mean(measure.low, measure.high).numpy(), nan=np.inf).reshape(-1, several)
+        first = first + torch.from_numpy(means.argmin(axis=1) if len(first) else np.zeros(0, np.int64))
     return replace(profile[first.reshape(whole)], measure=measure)
 
 
@@ -287,7 +286,7 @@ def pooled(parts: Parts, lead: tuple[int, ...], measure: Measure) -> ComplexityP
     none = each.level_values.new_zeros(0)
     return ComplexityProfile(
         scales=each.scales,
-        values=parts.pooled(each.values, count).reshape(*lead, len(each.scales)),
+        values=torch.from_numpy(parts.pooled(each.values.numpy(), count)).reshape(*lead, len(each.scales)),
         radius=parts.largest(each.radius, count).reshape(lead),
         field_error_bound=parts.largest(each.field_error_bound, count).reshape(lead),
         level_values=none,
@@ -302,7 +301,9 @@ def _joined(levels: list[Levels]) -> Levels:
     if len(levels) == 1:
         return levels[0]
     names = [one.name for one in fields(Levels)]
-    return Levels(**{name: torch.cat([getattr(one, name) for one in levels]) for name in names})
+    return Levels(
+        **{name: torch.from_numpy(np.concatenate([getattr(one, name).numpy() for one in levels])) for name in names}
+    )
 
 
 def _integers(values: Sequence[Any]) -> Tensor:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, choice, count, from_zero, positive, window
+from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, choice, count, from_zero, plain, positive, window
 
 Estimator = Literal["entropy", "std"]
 LevelSets = Literal["distance", "rim"]
@@ -156,6 +156,7 @@ class Measure:
 
     def __post_init__(self) -> None:
         """Check every option; numbers become plain floats and ints."""
+        plain(self.rho, "rho")
         low, high = window(self.low, self.high)
         checked: dict[str, Any] = {"low": low, "high": high, "windows": _windows(self.windows, (low, high))}
         checked["estimator"] = choice(self.estimator, ESTIMATORS, "estimator")

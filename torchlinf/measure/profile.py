@@ -2,19 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from torchlinf._helpers.checks import as_mask, choice, real_dtype, window
-from torchlinf.field import METHODS
-from torchlinf.measure.entropy import segment_sum
-from torchlinf.measure.levels import Levels, MaskAt, first_level, level_values, levels_of, levels_of_each, owners
-from torchlinf.measure.options import MeanOptions, Measure, ProfileOptions, takes
-from torchlinf.measure.parts import Parts
+from torchlinf._helpers.checks import window
+from torchlinf.measure.levels import Levels, first_level, level_values, numbered, shape_of_level
+from torchlinf.measure.options import Measure
+
+UNIT = 2.0**55  # sums of levels are kept in steps of 1 / UNIT
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +55,7 @@ class ComplexityProfile:
     measure: Measure
     seconds: Tensor
     angle: Tensor | None = None
-    parts: Parts | None = None
+    parts: "Parts | None" = None
 
     @property
     def objects(self) -> Tensor:
@@ -70,7 +69,8 @@ class ComplexityProfile:
         """
         if self.parts is None or self.measure.per == "mask":
             return (self.radius > 0).long()
-        return self.parts.counts(self.radius.numel()).reshape(self.radius.shape)
+        counts = torch.from_numpy(self.parts.counts(self.radius.numel()))
+        return counts.reshape(self.radius.shape).to(self.radius)
 
     def levels(self) -> list[Any] | Tensor:
         """Values of the levels themselves, without a scale grid.
@@ -126,10 +126,9 @@ class ComplexityProfile:
             ) from error
         shapes = chosen.flatten()
         size = radius[shapes]
-        of_parts = self.parts is not None
-        entries = torch.zeros_like(size) if of_parts else size
+        entries = size if self.parts is None else torch.zeros_like(size)
         entry = torch.arange(int(entries.sum()), device=radius.device)
-        entry += (first_level(radius)[shapes] - first_level(entries))[owners(entries)]
+        entry += (first_level(radius)[shapes] - first_level(entries))[shape_of_level(entries)]
         measure = self.measure
         if isinstance(measure.rho, Tensor):
             measure = replace(measure, rho=measure.rho.broadcast_to(lead)[index])
@@ -170,7 +169,7 @@ class ComplexityProfile:
         """
         low, high = window(low, high)
         if self.parts is not None:
-            return self._lead(self._pooled(self.parts.profile.mean(low, high)))
+            return self._pooled(self.parts.profile.mean(low, high))
         return self._mean_of(self.level_values, low, high)
 
     def error_bound(self, low: float = 0.0, high: float = 1.0) -> Tensor:
@@ -207,7 +206,7 @@ class ComplexityProfile:
         """
         low, high = window(low, high)
         if self.parts is not None:
-            return self._lead(self._pooled(self.parts.profile.error_bound(low, high)))
+            return self._pooled(self.parts.profile.error_bound(low, high))
         return self._mean_of(self.level_error_bound, low, high)
 
     def standard_error(self, low: float = 0.0, high: float = 1.0) -> Tensor:
@@ -233,12 +232,15 @@ class ComplexityProfile:
             >>> bool(profile.standard_error() < 0.1 * profile.mean())
             True
         """
-        each = self._by_rotation(*window(low, high))  # (N, rotations)
-        count = each.shape[1]
-        spread = each.std(dim=1) if count > 1 and len(each) else torch.full_like(each[:, 0], torch.nan)
-        return self._lead(spread / count**0.5)
+        each = self._by_rotation(*window(low, high)).T  # (rotations, N)
+        if len(each) == 1:
+            return self._lead(np.full(each.shape[1], np.nan))
+        # One after the other: the sums of NumPy's `std` depend on how many shapes there are.
+        mean = np.cumsum(each / len(each), axis=0)[-1]
+        square = np.cumsum((each - mean) ** 2, axis=0)[-1]
+        return self._lead(np.sqrt(square / (len(each) - 1) / len(each)))
 
-    def _by_rotation(self, low: float, high: float) -> Tensor:
+    def _by_rotation(self, low: float, high: float) -> NDArray[np.float64]:
         """The mean over (low, high] of each shape at each rotation, its objects pooled: (N, rotations)."""
         if self.measure.orientation != "mean" or self.parts is None:
             raise ValueError(
@@ -247,17 +249,18 @@ class ComplexityProfile:
             )
         parts = self.parts
         if self.measure.per == "mask":
-            return parts.profile.mean(low, high).reshape(-1, self.measure.rotations)
+            return parts.profile.mean(low, high).numpy(force=True).reshape(-1, self.measure.rotations)
         return parts.pooled(parts.profile._by_rotation(low, high), self.radius.numel())
 
     def _mean_of(self, of_levels: Tensor, low: float, high: float) -> Tensor:
         """Exact mean over the scales in (low, high] of one number a level."""
-        shape, number = self._numbered()
-        size = self.radius.flatten().to(of_levels)[shape]  # (sum of radius,) the D that belongs to each level
-        overlap = length_within(number, size, low, high)
-        most = torch.full_like(self.radius.flatten(), 32)  # no value exceeds 20 bits, and the lengths add up to 1
-        total = segment_sum(of_levels * overlap, shape, most) / (high - low)
-        return self._lead(total.masked_fill(self.radius.flatten() == 0, torch.nan))
+        shape, number = numbered(self.radius.flatten())
+        radius = self.radius.flatten().numpy(force=True)
+        terms = of_levels.numpy(force=True) * length_within(number, radius[shape], low, high)
+        # Summed as integers: no value exceeds 20 bits, and the lengths add up to 1.
+        found = np.full(len(radius), np.nan)
+        found[radius > 0] = _reduced(np.add, np.rint(terms * UNIT).astype(np.int64), radius) / UNIT / (high - low)
+        return self._lead(found)
 
     def peak(self) -> tuple[Tensor, Tensor]:
         """Largest level value and the scale it is reached at.
@@ -273,19 +276,19 @@ class ComplexityProfile:
         """
         if self.parts is not None:
             return self._peak_of_parts()
-        shape, number = self._numbered()
-        radius = self.radius.flatten()
-        value = self.level_values.new_full(radius.shape, torch.nan)
-        value = value.scatter_reduce(0, shape, self.level_values, "amax", include_self=False)
+        shape, number = numbered(self.radius.flatten())
+        radius, levels = (x.numpy(force=True) for x in (self.radius.flatten(), self.level_values))
+        value, scale = np.full((2, len(radius)), np.nan)
+        value[radius > 0] = _reduced(np.maximum, levels, radius)
         # Levels that do not reach the maximum stand behind every level that does.
-        rank = torch.where(self.level_values == value[shape], number, number + radius[shape])
-        first = radius.scatter_reduce(0, shape, rank, "amin", include_self=False)
-        return self._lead(value), self._lead(first / radius.to(value))
+        rank = np.where(levels == value[shape], number, number + radius[shape])
+        scale[radius > 0] = _reduced(np.minimum, rank, radius) / radius[radius > 0]
+        return self._lead(value), self._lead(scale)
 
     def _pooled(self, values: Tensor) -> Tensor:
-        """One number a mask (N,) of one number a part."""
+        """One number a mask of one number a part."""
         assert self.parts is not None
-        return self.parts.pooled(values[:, None], self.radius.numel())[:, 0]
+        return self._lead(self.parts.pooled(values.numpy(force=True)[:, None], self.radius.numel())[:, 0])
 
     def _peak_of_parts(self) -> tuple[Tensor, Tensor]:
         value = torch.full(self.radius.shape, torch.nan, dtype=self.values.dtype, device=self.values.device)
@@ -321,16 +324,10 @@ class ComplexityProfile:
         number = torch.arange(1, count + 1, device=self.level_values.device).to(self.level_values)
         return number / max(count, 1), self.level_values, self.level_error_bound
 
-    def _numbered(self) -> tuple[Tensor, Tensor]:
-        """For each entry of `level_values` its shape in the flattened batch, and its level k."""
-        radius = self.radius.flatten()
-        shape = owners(radius)
-        return shape, torch.arange(1, len(shape) + 1, device=radius.device) - first_level(radius)[shape]
+    def _lead(self, flat: NDArray[np.float64]) -> Tensor:
+        return torch.from_numpy(flat).to(self.values.dtype).to(self.values.device).reshape(self.radius.shape)
 
-    def _lead(self, flat: Tensor) -> Tensor:
-        return flat.reshape(self.radius.shape).to(self.values.dtype)
-
-    def _to(self, device: torch.device, dtype: torch.dtype | None) -> "ComplexityProfile":
+    def moved(self, device: torch.device, dtype: torch.dtype | None) -> "ComplexityProfile":
         """A profile of float64 on the CPU brought to a device, its values in `dtype`."""
         real = torch.float32 if device.type == "mps" else torch.float64
         moved = replace(
@@ -344,159 +341,124 @@ class ComplexityProfile:
         )
         if self.parts is None:
             return moved
-        return replace(moved, parts=self.parts.mapped(lambda profile: profile._to(device, None), device))
+        return replace(moved, parts=self.parts.moved(device))
 
 
-@takes(ProfileOptions)
-def complexity_profile(
-    mask: Tensor,
-    *,
-    scales: Tensor | ArrayLike | None = None,
-    method: str = "auto",
-    spatial_ndim: int | None = None,
-    dtype: torch.dtype | None = None,
-    **options: Unpack[ProfileOptions],
-) -> ComplexityProfile:
-    """Complexity of shapes against scale.
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What a profile was pooled from: the objects of each mask, or the rotations of each shape.
 
-    Level k of a shape is the set of pixels at chessboard distance k from the outside. On an axis-aligned box the
-    screened L-infinity field is constant on every level; the value E_k of a level says how far it is from that.
-    At scale t the profile shows level ceil(t D), D being the radius: an appendage of contact width w on a body of
-    width W shows at no t above w/W.
+    P parts of N masks, those of the first mask first.
 
-    Args:
-        mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, nonzero is inside,
-            beyond the array is outside. Each (b, c) is one shape.
-        scales: (L,) scales in (0, 1]; None means 0.01, 0.02 ... 1.00.
-        method: how the field is solved, "auto", "compiled", "accelerated" or "monotone"; see `solve_field`.
-        spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
-        dtype: of the values returned; None means float64 (float32 on a device without it), in which they are always
-            computed. `field_error_bound` keeps its own dtype, since it may be too small for a shorter one.
-        {measure options}
-
-    Returns:
-        A `ComplexityProfile`. An empty shape has radius 0 and NaN values; a full mask is a box, so exactly 0.0. Not
-        differentiable. What else is in the batch does not change the values of a shape. Flips and axis swaps of a shape
-        change them by no more than the errors of the fields explain; at the default `tol` by nothing on all shapes that
-        were tried.
-
-    Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: an argument has a wrong rank or value.
-        RuntimeError: a field could not be solved to `tol`; the message names the shapes.
-
-    Source: Arslan and Tari, "Complexity of Shapes Embedded in Z^n with a Bias Towards Squares", IEEE TIP 2020.
+    Attributes:
+        profile: of the leading shape (P,), the parts alone. Of objects with orientation="mean" it has parts itself, the
+            rotations of each object.
+        owner: (P,) int64, ascending: the number of the mask that each part belongs to, in the flattened batch.
+        weight: (P,) int64, how much each part counts in the mean: 1, or for pool="area" its pixels.
+        pixels: (P,) int64, pixels of each object in the mask, before any turn; None for rotations.
+        box: (P, spatial dimensions, 2) int64, the box of each object in the mask: first row and the one behind the
+            last, first column and the one behind the last, and so on; None for rotations.
 
     Example:
-        >>> from torchlinf import shapes
-        >>> profile = complexity_profile(shapes.disc(8), scales=[0.25, 0.5, 1.0], spatial_ndim=2)
-        >>> profile.values, profile.radius
-        (tensor([0.9799, 0.8813, 0.0000], dtype=torch.float64), tensor(6))
+        >>> import torchlinf
+        >>> mask = torch.tensor([[1, 1, 0, 0, 0], [1, 1, 0, 1, 1]])
+        >>> parts = torchlinf.complexity_profile(mask, per="object", spatial_ndim=2).parts
+        >>> parts.owner, parts.pixels, parts.box[1].tolist()
+        (tensor([0, 0]), tensor([4, 2]), [[1, 2], [3, 5]])
     """
-    measure = Measure.of(options, ProfileOptions)
-    choice(method, ("auto", *METHODS), "method")
-    real_dtype(dtype)
-    grid = scale_grid(scales)
-    masks, lead = as_mask(mask, spatial_ndim)
-    return _profile_of_masks(masks, lead, measure, method, grid, dtype)
 
+    profile: "ComplexityProfile"
+    owner: Tensor
+    weight: Tensor
+    pixels: Tensor | None
+    box: Tensor | None
 
-def ragged_profile(mask_at: MaskAt, count: int, measure: Measure) -> ComplexityProfile:
-    """What `complexity_profile` gives for each of many masks alone, of whatever size, as one profile.
+    def number(self) -> Tensor:
+        """(P,) int64: the number of each part within its mask, from 1.
 
-    A batch of tensors would be as large as the largest mask times the number of shapes. Here only the masks being
-    worked on exist, one for each of torch's threads.
+        Example:
+            >>> import torchlinf
+            >>> masks = torch.tensor([[[1, 0, 1]], [[0, 1, 0]]])
+            >>> torchlinf.complexity_profile(masks, per="object", spatial_ndim=2).parts.number()
+            tensor([1, 2, 1])
+        """
+        begin = torch.searchsorted(self.owner, self.owner)
+        return torch.arange(1, len(self.owner) + 1, device=self.owner.device) - begin
 
-    Args:
-        mask_at: the i-th mask, a bool array, any box that holds the shape; called on several threads.
-        count: how many there are.
-        measure: how complexity is measured. Its window is not used here.
+    def counts(self, masks: int) -> NDArray[np.int64]:
+        """(masks,) how many parts each mask has."""
+        return np.bincount(self.owner.numpy(force=True), minlength=masks)
 
-    Returns:
-        The profile on the CPU, on the default scales, of the leading shape (count,).
+    def pooled(self, values: NDArray[np.float64], masks: int) -> NDArray[np.float64]:
+        """The weighted mean of the numbers of the parts of each mask.
 
-    Raises:
-        RuntimeError: a field could not be solved.
+        It does not depend on the order of the parts. The numbers of a single part are kept to the last bit. The
+        rotations of an empty mask are NaN, and so is their mean.
 
-    Example:
-        >>> import numpy as np
-        >>> masks = [np.ones((3, 5), dtype=bool), np.eye(4, dtype=bool)]
-        >>> profile = ragged_profile(masks.__getitem__, 2, Measure())
-        >>> profile.radius, profile.mean()
-        (tensor([2, 1]), tensor([0., 0.], dtype=torch.float64))
-    """
-    if measure.is_plain:
-        return profile_of_levels(levels_of_each(mask_at, count, (count,), measure), (count,), measure)
-    from torchlinf.measure.objects import profile_of_parts
+        Args:
+            values: (P, L), any count of numbers a part, in [0, 32) as those of all levels are.
+            masks: how many masks there are.
 
-    return profile_of_parts(mask_at, (count,), measure)
+        Returns:
+            (masks, L); NaN for a mask without parts.
+        """
+        owner, weight, counts = self.owner.numpy(force=True), self.weight.numpy(force=True), self.counts(masks)
+        total = np.bincount(owner, weight, masks)
+        # Summed as integers, of which none exceeds 2^61.
+        unit = np.ldexp(1.0, 61 - np.frexp(32 * total)[1])[owner, None]
+        terms = np.rint(np.nan_to_num(values) * weight[:, None] * unit).astype(np.int64)
+        mean = np.full((masks, values.shape[1]), np.nan)
+        some = counts > 0
+        mean[some] = _reduced(np.add, terms, counts) / _reduced(np.maximum, unit, counts) / total[some, None]
+        alone = counts[owner] == 1
+        mean[owner[alone]] = values[alone]
+        mean[owner[np.isnan(values).any(axis=1)]] = np.nan
+        return mean
 
+    def total(self, values: Tensor, masks: int) -> Tensor:
+        """The sum of one number a part, for each mask."""
+        found = np.bincount(self.owner.numpy(force=True), values.numpy(force=True), masks)
+        return torch.from_numpy(found).to(values)
 
-@takes(MeanOptions)
-def complexity(
-    mask: Tensor,
-    *,
-    method: str = "auto",
-    spatial_ndim: int | None = None,
-    dtype: torch.dtype | None = None,
-    **options: Unpack[MeanOptions],
-) -> Tensor:
-    """Mean complexity of each shape over the scales in (low, high].
+    def largest(self, values: Tensor, masks: int) -> Tensor:
+        """The largest of one number of 0 or more a part, for each mask; 0 for a mask without parts."""
+        counts = self.counts(masks)
+        found = np.zeros(masks)
+        found[counts > 0] = _reduced(np.maximum, values.numpy(force=True), counts)
+        return torch.from_numpy(found).to(values)
 
-    The same as `complexity_profile(mask, ...).mean(low, high)`: an exact mean over scales, not one over samples.
+    def select(self, masks: Tensor, count: int) -> "Parts":
+        """The parts of some of the masks, (M,) of their numbers, in this order; they are numbered anew."""
+        counts = torch.from_numpy(self.counts(count)).to(masks.device)
+        size, begin = counts[masks], first_level(counts)[masks]
+        owner = shape_of_level(size)
+        index = torch.arange(len(owner), device=masks.device) - (first_level(size) - begin)[owner]
+        pixels, box = (None if one is None else one[index] for one in (self.pixels, self.box))
+        return Parts(self.profile[index], owner, self.weight[index], pixels, box)
 
-    Args:
-        mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, nonzero is inside,
-            beyond the array is outside. Each (b, c) is one shape.
-        method: how the field is solved, "auto", "compiled", "accelerated" or "monotone"; see `solve_field`.
-        spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
-        dtype: of the result; None means float64 (float32 on a device without it).
-        {measure options}
-
-    Returns:
-        Tensor of the leading shape, (B, C) by default, in bits (share of the field's maximum for "std"). NaN for an
-        empty shape; exactly 0.0 for a full mask and for any axis-aligned box. Not differentiable, and detached from
-        what the mask was made of: for a gradient use `soft_complexity` or `losses.ShapeComplexityLoss`.
-
-    Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: an argument has a wrong rank or value.
-        RuntimeError: a field could not be solved to `tol`; the message names the shapes.
-
-    Source: Arslan and Tari, "Complexity of Shapes Embedded in Z^n with a Bias Towards Squares", IEEE TIP 2020.
-
-    Example:
-        >>> from torchlinf import shapes
-        >>> complexity(torch.stack([shapes.box(17, 17), shapes.disc(8)]), spatial_ndim=2)
-        tensor([0.0000, 0.6233], dtype=torch.float64)
-    """
-    measure = Measure.of(options, MeanOptions)
-    choice(method, ("auto", *METHODS), "method")
-    real_dtype(dtype)
-    masks, lead = as_mask(mask, spatial_ndim)
-    return _profile_of_masks(masks, lead, measure, method, None, dtype).mean(measure.low, measure.high)
-
-
-def _profile_of_masks(
-    masks: Tensor,
-    lead: tuple[int, ...],
-    measure: Measure,
-    method: str,
-    grid: tuple[Tensor, Tensor] | None,
-    dtype: torch.dtype | None,
-) -> ComplexityProfile:
-    """The profile of checked masks, bool (N, *spatial), of the leading shape `lead`."""
-    if measure.is_plain:
-        return profile_of_levels(levels_of(masks, lead, measure, method), lead, measure, grid, dtype)
-    from torchlinf.measure.objects import profile_of_parts
-
-    if method not in ("auto", "compiled"):
-        raise ValueError(
-            f'method must be "auto" or "compiled" beside orientation or per="object"; got {method!r}. Leave method out.'
+    def moved(self, device: torch.device) -> "Parts":
+        """The parts on a device."""
+        return replace(
+            self,
+            profile=self.profile.moved(device, None),
+            owner=self.owner.to(device),
+            weight=self.weight.to(device),
+            pixels=None if self.pixels is None else self.pixels.to(device),
+            box=None if self.box is None else self.box.to(device),
         )
-    arrays = masks.cpu().numpy()
-    profile = profile_of_parts(arrays.__getitem__, lead, measure, grid)
-    return profile._to(masks.device, dtype)
+
+    def steps(self) -> tuple[Tensor, Tensor, Tensor]:
+        """The steps of the mean of all parts against scale: see `ComplexityProfile.steps`."""
+        each = [self.profile[i].steps() for i in range(len(self.owner))]
+        ends = torch.unique(torch.cat([end for end, _, _ in each]))
+        middles = (ends + torch.cat([ends.new_zeros(1), ends[:-1]])) / 2
+        weight = self.weight.to(ends) / self.weight.sum()
+        values, bounds = torch.zeros_like(ends), torch.zeros_like(ends)
+        for share, (end, value, bound) in zip(weight, each, strict=True):
+            at = torch.searchsorted(end, middles)
+            values += share * value[at]
+            bounds += share * bound[at]
+        return ends, values, bounds
 
 
 def profile_of_field(field: Tensor, distance: Tensor, field_error: Tensor, measure: Measure) -> ComplexityProfile:
@@ -550,10 +512,10 @@ def profile_of_levels(
 
 def at_scales(found: Tensor, radius: Tensor, scales: Tensor) -> Tensor:
     """Look up level k = ceil(t D) of each shape for each scale t: (N, L), NaN where the radius is 0."""
-    size = radius[:, None]  # (N, 1)
-    level = torch.minimum((scales * size).ceil().long().clamp(min=1), size)  # (N, L)
-    position = torch.where(size > 0, first_level(radius)[:, None] + level - 1, len(found))
-    return torch.cat([found, found.new_full((1,), torch.nan)])[position]
+    size = radius.numpy(force=True)[:, None]  # (N, 1)
+    level = np.clip(np.ceil(scales.numpy(force=True) * size).astype(np.int64), 1, np.maximum(size, 1))  # (N, L)
+    position = np.where(size > 0, np.cumsum(size)[:, None] - size + level - 1, len(found))
+    return torch.from_numpy(np.append(found.numpy(force=True), np.nan)[position]).to(found)
 
 
 def scale_grid(scales: Tensor | ArrayLike | None) -> tuple[Tensor, Tensor]:
@@ -585,23 +547,30 @@ def scale_grid(scales: Tensor | ArrayLike | None) -> tuple[Tensor, Tensor]:
     return scales, (scales * (0.51 * eps)).clamp(min=1e-9)
 
 
-def length_within(level: Tensor, radius: Tensor, low: float, high: float) -> Tensor:
+def length_within(level: NDArray[np.int64], radius: NDArray[np.int64], low: float, high: float) -> NDArray[np.float64]:
     """Length of the scales in (low, high] that belong to a level: of ((k-1)/D, k/D] ∩ (low, high].
 
     Args:
         level: k, any shape.
-        radius: D, floating point, broadcast with it.
+        radius: D, broadcast with it.
         low: lower end of the window.
         high: its upper end.
 
     Returns:
-        Tensor of the dtype of `radius`, in [0, 1/D].
+        Array in [0, 1/D].
 
     Example:
-        >>> length_within(torch.arange(1, 5), torch.tensor(4.0), 0.375, 1.0)
-        tensor([0.0000, 0.1250, 0.2500, 0.2500])
+        >>> length_within(np.arange(1, 5), np.array(4), 0.375, 1.0)
+        array([0.   , 0.125, 0.25 , 0.25 ])
     """
-    return ((level / radius).clamp(max=high) - ((level - 1) / radius).clamp(min=low)).clamp(min=0.0)
+    length: NDArray[np.float64] = np.minimum(level / radius, high) - np.maximum((level - 1) / radius, low)
+    return length.clip(min=0)
+
+
+def _reduced(function: np.ufunc, of_levels: NDArray[Any], radius: NDArray[np.int64]) -> NDArray[Any]:
+    """One number for each shape that is not empty, from all of its levels."""
+    sizes = radius[radius > 0]
+    return function.reduceat(of_levels, np.cumsum(sizes) - sizes) if len(sizes) else of_levels[:0]
 
 
 def _nest(parts: Sequence[Tensor], lead: tuple[int, ...]) -> list[Any] | Tensor:

@@ -183,6 +183,6 @@ def profile_values(mask: NDArray[np.bool_], row: Row) -> tuple[NDArray[np.uint16
                 "file has changed, or another version scored it"
             )
     levels = profile.level_values.numpy()
-    # The default scales of a profile are k/100.
-    values = levels if len(levels) <= MOST_LEVELS else profile.values[0].numpy()
+    # The default scales of a profile are k/100. A mean of parts has no levels of one length.
+    values = levels if profile.parts is None and len(levels) <= MOST_LEVELS else profile.values[0].numpy()
     return np.round(values / STEP).astype(np.uint16), ""

@@ -13,7 +13,9 @@ import torch
 from numpy.typing import NDArray
 
 from torchlinf import __version__
+from torchlinf._helpers.axes import image_shape
 from torchlinf._helpers.boxes import bounding_box
+from torchlinf._helpers.checks import number_of_axes
 from torchlinf.measure import ComplexityProfile, Measure, MeasureOptions, ragged_profile, takes
 from torchlinf.scoring.mask_rules import MAX_PIXELS, Found, read_all, read_inside
 from torchlinf.scoring.options import ScoreOptions, score_measure
@@ -33,11 +35,15 @@ NOT_OF_A_MASK = (
 
 
 @takes(MeasureOptions, windows=WINDOWS)
-def score_mask(inside: NDArray[np.bool_], **options: Unpack[MeasureOptions]) -> dict[str, Any]:
+def score_mask(
+    inside: NDArray[np.bool_], *, spatial_ndim: int | None = None, **options: Unpack[MeasureOptions]
+) -> dict[str, Any]:
     """Numbers of one mask, by the names of the columns of a table.
 
     Args:
-        inside: bool (H, W) or (D, H, W), True inside; beyond the array is outside.
+        inside: bool (H, W), True inside; beyond the array is outside. Axes of length 1 before and behind it
+            are dropped.
+        spatial_ndim: 3 for a volume (D, H, W). None means an image; then three axes raise, since they may be a stack.
         {measure options}
 
     Returns:
@@ -49,7 +55,7 @@ def score_mask(inside: NDArray[np.bool_], **options: Unpack[MeasureOptions]) -> 
 
     Raises:
         TypeError: an option is of the wrong type; `rho` must be None or one number.
-        ValueError: an option has a wrong value.
+        ValueError: an option has a wrong value, or `spatial_ndim` does not explain the axes of `inside`.
         RuntimeError: the field could not be solved to `tol`.
 
     Example:
@@ -57,6 +63,8 @@ def score_mask(inside: NDArray[np.bool_], **options: Unpack[MeasureOptions]) -> 
         >>> row["pixels"], row["radius"], row["components"], row["complexity"]
         (24, 2, 1, 0.0)
     """
+    axes = None if spatial_ndim is None else number_of_axes(spatial_ndim)
+    inside = inside.reshape(image_shape(inside.shape, axes, "inside"))
     (row,) = (one.cells() for one in _numbers(inside, _pooling(score_measure(options))))
     return {name: value for name, value in row.items() if name not in NOT_OF_A_MASK}
 
@@ -244,13 +252,16 @@ def profile_source(source: Source, options: ScoreOptions) -> tuple[ComplexityPro
         The profile, of the leading shape (1,), and the mask.
 
     Raises:
-        UnreadableMaskError: there is no mask, or no pixel is inside.
+        UnreadableMaskError: there is no mask, or no pixel is inside, or no object is large enough.
         RuntimeError: the field could not be solved.
     """
     inside = read_inside(source, options.reading).inside
     if not inside.any():
         raise UnreadableMaskError(EMPTY)
-    return ragged_profile([inside].__getitem__, 1, options.measure), inside
+    profile = ragged_profile([inside].__getitem__, 1, options.measure)
+    if not profile.radius.all():
+        raise UnreadableMaskError(SMALL)
+    return profile, inside
 
 
 def error_text(error: Exception) -> str:
