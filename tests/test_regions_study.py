@@ -46,6 +46,8 @@ def test_means_have_standard_errors() -> None:
     mean = correlations.mean_of([0.1, -0.2, 0.4, math.nan])
     assert (mean.above, mean.count) == (2, 3)
     assert (mean.value, mean.error) == pytest.approx((0.1, 0.3 / math.sqrt(3)))
+    assert math.isnan(correlations.mean_of([math.nan]).value)
+    assert math.isnan(correlations.mean_of([0.5]).error)
     runs: Any = [{"a": [1, 2, 3], "b": [1, 3, 2]}, {"a": [1, 2, 3], "b": [5, 5, 5]}]
     assert correlations.over_seeds(runs, "a", "b").tolist() == pytest.approx([0.5])
 

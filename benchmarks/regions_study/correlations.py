@@ -51,8 +51,9 @@ def over_seeds(runs: Sequence[Columns], first: str, second: str, given: Sequence
 
 
 def mean_of(values: Sequence[float] | Numbers) -> Mean:
-    """Mean of independent numbers, two or more of them."""
+    """Mean of independent numbers, those that are NaN left out; its error is NaN if fewer than two are left."""
     numbers = np.asarray(values)
     numbers = numbers[~np.isnan(numbers)]
-    error = float(numbers.std(ddof=1) / np.sqrt(len(numbers)))
-    return Mean(float(numbers.mean()), error, int((numbers > 0).sum()), len(numbers))
+    mean = float(numbers.mean()) if len(numbers) else np.nan
+    error = float(numbers.std(ddof=1) / np.sqrt(len(numbers))) if len(numbers) > 1 else np.nan
+    return Mean(mean, error, int((numbers > 0).sum()), len(numbers))

@@ -47,7 +47,7 @@ def _sets(runs: Runs, described: dict[str, Any]) -> Table:
 
 def of_sets(runs: Runs, first: str, second: str, given: tuple[str, ...] = ()) -> list[float]:
     """The correlation in each set: the mean over its seeds."""
-    return [float(np.mean(over_seeds(found, first, second, given))) for found in runs.values()]
+    return [mean_of(over_seeds(found, first, second, given)).value for found in runs.values()]
 
 
 def _averages(real: Runs) -> Table:
