@@ -65,8 +65,8 @@ for name, summary in found.items():
 # little. A straight line at a slant is *not* simple in this sense. The mean of rotations takes that preference away:
 # the threshold and the line are 0.5 bits apart, not 4, which is less than their standard errors explain. The mean still
 # says how far the regions are from boxes, now along many directions. It is neither the number of parameters, nor how
-# much a curve wiggles, nor how well a classifier fits. :doc:`A study </regions_study>` has
-# what it foretells on real data.
+# much a curve wiggles, nor how well a classifier fits. :doc:`A study </regions_study>` has what it foretells on real
+# data.
 
 
 def scatter(ax: plt.Axes) -> None:
