@@ -47,6 +47,7 @@ from torchlinf.measure import (
 )
 from torchlinf.measure.options import _DOCS, names_of
 from torchlinf.polygons.table import PolygonOptions
+from torchlinf.regions.orientations import PlaneOptions, RegionOptions
 from torchlinf.scoring.ray import ScoreMasks, score_shards
 
 MASK = shapes.disc(6)  # 13 x 13, without a part, so that every option below changes its number
@@ -84,6 +85,27 @@ def regions_of(mask: Tensor, **options: Any) -> regions.DecisionRegions:
     )
 
 
+def region_mean(mask: Tensor, **options: Any) -> Any:
+    """A turned grid is asked anew, and does not see what a turned mask is; "mean" is that of the summary alone."""
+    if "orientation" not in options:
+        return regions_of(mask, **options).mean()[1]
+    one = {**options, "orientation": "least"} if options["orientation"] == "mean" else options
+    found = regions.decision_region_complexity(
+        clamped(mask), BOUNDS, resolution=SIDE, threshold=0.0, classes=[0, 1], **one
+    )
+    alone = torchlinf.complexity_profile(found.masks, spatial_ndim=2).mean()
+    torch.testing.assert_close(found.mean(), alone, rtol=0, atol=0)
+    return float("nan")
+
+
+def summary_mean(mask: Tensor, **options: Any) -> Any:
+    """Of the grid as it lies, unless the options say otherwise."""
+    found = regions.decision_region_summary(
+        clamped(mask), BOUNDS, resolution=SIDE, threshold=0.0, classes=[0, 1], **{"orientation": None, **options}
+    )
+    return float("nan") if "orientation" in options else found.mean()[1]
+
+
 def triangle_of(mask: Tensor) -> Tensor:
     return torch.tensor([[0.0, 0.0], [0.0, 9.0], [9.0, 0.0]], dtype=torch.float64, device="cpu")
 
@@ -94,8 +116,10 @@ def clamped(mask: Tensor) -> Callable[[Tensor], Tensor]:
 
 def plane_mean(mask: Tensor, **options: Any) -> float:
     """The complexity of the region on a plane, less that of the mask it was drawn from: 0."""
-    found = regions.decision_plane(clamped(mask), triangle_of(mask), resolution=9, threshold=0.0, **options)
-    alone = torchlinf.complexity_profile(found.masks, spatial_ndim=2, **options).mean()
+    one = {**options, "orientation": "least"} if options.get("orientation") == "mean" else options
+    found = regions.decision_plane(clamped(mask), triangle_of(mask), resolution=9, threshold=0.0, **one)
+    level = {name: value for name, value in options.items() if name in names_of(LevelOptions)}
+    alone = torchlinf.complexity_profile(found.masks, spatial_ndim=2, **level).mean()
     torch.testing.assert_close(found.mean(), alone, rtol=0, atol=0)
     return float("nan")
 
@@ -104,7 +128,9 @@ def planes_mean(mask: Tensor, **options: Any) -> float:
     found = regions.decision_plane_complexity(
         clamped(mask), triangle_of(mask), num_planes=2, resolution=9, threshold=0.0, **options
     )
-    level = {name: value for name, value in options.items() if name in names_of(LevelOptions)}
+    if options.get("orientation") == "mean":  # which `test_turned_regions` compares
+        return float("nan")
+    level = {name: value for name, value in options.items() if name in names_of(RegionOptions)}
     window = {name: value for name, value in options.items() if name not in level}
     corners = triangle_of(mask)[found.triples[0]]
     one = regions.decision_plane(clamped(mask), corners, resolution=9, threshold=0.0, **level)
@@ -287,11 +313,12 @@ ENTRIES = {
         labels.complexity_table, MeasureOptions, 1, lambda m, **o: labels.complexity_table(m.int(), **o)
     ),
     "polygons.complexity_table": Entry(polygons.complexity_table, PolygonOptions, 1, outlined),
-    "regions.decision_region_complexity": Entry(
-        regions.decision_region_complexity, LevelOptions, 2, lambda m, **o: regions_of(m, **o).mean()[1]
+    "regions.decision_region_complexity": Entry(regions.decision_region_complexity, RegionOptions, 2, region_mean),
+    "regions.decision_region_summary": Entry(
+        regions.decision_region_summary, RegionOptions, 2, summary_mean, {"orientation": "mean"}
     ),
-    "regions.decision_plane": Entry(regions.decision_plane, LevelOptions, 2, plane_mean),
-    "regions.decision_plane_complexity": Entry(regions.decision_plane_complexity, WindowOptions, 2, planes_mean),
+    "regions.decision_plane": Entry(regions.decision_plane, RegionOptions, 2, plane_mean),
+    "regions.decision_plane_complexity": Entry(regions.decision_plane_complexity, PlaneOptions, 2, planes_mean),
     "decompose.parts": Entry(
         decompose.parts,
         WindowOptions,

@@ -96,6 +96,9 @@ def inspect(masks: dict[str, Tensor], label_map: Tensor) -> list[tuple[str, ...]
     decided = regions.decision_region_complexity(classifier, [(-1.0, 1.0), (-1.0, 1.0)], resolution=32, threshold=0.5)
     value: Tensor = decided.profile.mean()
     assert value.ndim >= 0
+    summary = regions.decision_region_summary(classifier, [(-1.0, 1.0), (-1.0, 1.0)], resolution=16, threshold=0.5)
+    rows: dict[str, NDArray[np.generic]] = summary.table()
+    assert len(rows["share"]) == len(summary.classes)
     plot.profile(masks["disc"], label="disc")
     plot.shapes(masks).savefig(os.devnull, format="png")
     return longest

@@ -12,6 +12,7 @@ STRENGTHS = (0.4, 0.8, 0.2)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
 
     from torchlinf.regions import DecisionRegions
 
@@ -28,7 +29,8 @@ def decision_regions(
         ax: where to draw; None makes a new figure.
 
     Returns:
-        The axes, in the coordinates of the grid. The title is the overall complexity; the legend has the complexity of
+        The axes, in the coordinates of the grid. A grid that is turned is drawn where it lies: the picture is turned
+        back, and the axes are the features. The title is the overall complexity; the legend has the complexity of
         each class that is on the grid. The colour of the i-th class is the i-th of `COLOURS`, paler, so that the data
         can be drawn on top: `ax.scatter(*X[y == i].T, color=plot.COLOURS[i])`. The eleventh to the twentieth class have
         a stronger tint, the next ten a fainter one. Where classes overlap, the last of them is seen; where there is no
@@ -75,7 +77,9 @@ def _draw_regions(ax: "Axes", regions: "DecisionRegions", low: float, high: floa
         image[mask.numpy()] = red, green, blue
         if mask.any():
             named.append(Patch(color=(red, green, blue), label=f"{name}: {in_unit(value, measure)}"))
-    ax.imshow(image.swapaxes(0, 1), extent=cast("tuple[float, float, float, float]", extent), origin="lower")
+    drawn = ax.imshow(image.swapaxes(0, 1), extent=cast("tuple[float, float, float, float]", extent), origin="lower")
+    if isinstance(regions.orientation, float):
+        _turn_back(ax, drawn, regions, regions.orientation)
     words = ["feature 0", "feature 1"]
     if regions.plane is not None:
         words = ["along the longest side", "towards the third point"]
@@ -83,3 +87,17 @@ def _draw_regions(ax: "Axes", regions: "DecisionRegions", low: float, high: floa
     ax.set(xlabel=words[0], ylabel=words[1], title=in_unit(regions.overall(low, high), measure))
     ax.legend(handles=named, fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False)
     return ax
+
+
+def _turn_back(ax: "Axes", drawn: "AxesImage", regions: "DecisionRegions", degrees: float) -> None:
+    """Show a turned grid where it lies. The turn acts on steps of the grid, which may differ between the axes."""
+    from matplotlib.transforms import Affine2D
+
+    steps = [float(axis[1] - axis[0]) for axis in regions.axes]
+    centre = [float(axis[0] + axis[-1]) / 2 for axis in regions.axes]
+    back = Affine2D().translate(-centre[0], -centre[1]).scale(1 / steps[0], 1 / steps[1]).rotate_deg(-degrees)
+    back = back.scale(*steps).translate(*centre)
+    left, right, bottom, top = drawn.get_extent()
+    corners = back.transform([(left, bottom), (left, top), (right, bottom), (right, top)])
+    drawn.set_transform(back + ax.transData)
+    ax.set(xlim=(corners[:, 0].min(), corners[:, 0].max()), ylim=(corners[:, 1].min(), corners[:, 1].max()))

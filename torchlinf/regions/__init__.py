@@ -4,14 +4,17 @@ from torchlinf.regions.decision_planes import PlaneComplexity, decision_plane, d
 from torchlinf.regions.decision_regions import DecisionRegions, decision_region_complexity
 from torchlinf.regions.grids import Plane, bounds_around
 from torchlinf.regions.region_loss import DecisionRegionLoss
+from torchlinf.regions.summary import RegionSummary, decision_region_summary
 
 __all__ = [
     "DecisionRegionLoss",
     "DecisionRegions",
     "Plane",
     "PlaneComplexity",
+    "RegionSummary",
     "bounds_around",
     "decision_plane",
     "decision_plane_complexity",
     "decision_region_complexity",
+    "decision_region_summary",
 ]

@@ -1,19 +1,20 @@
 """Complexity of decision regions on planes through three data points, in inputs of any number of features."""
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Unpack
 
 import torch
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from torchlinf._helpers.checks import count, integer
-from torchlinf.measure import LevelOptions, Measure, WindowOptions, takes
+from torchlinf.measure import Measure, takes
 from torchlinf.regions.decision_regions import Boundary, DecisionRegions, regions_on
 from torchlinf.regions.grids import Grid, Plane, as_points, spans_plane
+from torchlinf.regions.orientations import PlaneOptions, RegionOptions
 from torchlinf.regions.responses import ResponseOptions
+from torchlinf.regions.summary import RegionSummary, error_of_mean, names_of_classes, summary_on
 
 TRIES = 10  # triples drawn for each plane at most
 
@@ -22,16 +23,24 @@ TRIES = 10  # triples drawn for each plane at most
 class PlaneComplexity:
     """Complexity of decision regions on planes through random triples; made by `decision_plane_complexity`.
 
+    T is the number of planes, C that of the classes.
+
     Attributes:
         values: (T,) float64, the overall complexity on each plane. NaN where no class has any point of it, which only
             happens with a threshold.
         triples: (T, 3) int64, the points that each plane goes through, as indices of the data.
         measure: how complexity was measured.
+        classes: names of the C classes.
+        class_values: (T, C) float64, the complexity of each class on each plane; NaN where it has no point.
+        share: (T, C) float64, the share of the points of each plane that is in each region.
     """
 
     values: Tensor
     triples: Tensor
     measure: Measure
+    classes: tuple[Any, ...]
+    class_values: Tensor
+    share: Tensor
 
     @property
     def num_empty(self) -> int:
@@ -47,11 +56,29 @@ class PlaneComplexity:
 
         Planes without any region are left out; NaN if fewer than two are left.
         """
-        kept = self.values[~self.values.isnan()]
-        return float(kept.std() / math.sqrt(len(kept))) if len(kept) > 1 else math.nan
+        return float(error_of_mean(self.values))
+
+    def table(self) -> dict[str, NDArray[Any]]:
+        """One row a class.
+
+        Returns:
+            Columns by name, each with one entry a class; `pandas.DataFrame` takes them as they are.
+
+            - "class": its name.
+            - "complexity": mean over the planes that have a point of the class, in the unit of the measure; NaN if none
+              has.
+            - "standard_error": standard error of that mean; NaN if fewer than two planes have a point of the class.
+            - "share": the share of the points that is in the region, mean over all planes.
+        """
+        return {
+            "class": names_of_classes(self.classes),
+            "complexity": self.class_values.nanmean(dim=0).numpy(),
+            "standard_error": torch.stack([error_of_mean(values) for values in self.class_values.T]).numpy(),
+            "share": self.share.mean(dim=0).numpy(),
+        }
 
 
-@takes(LevelOptions)
+@takes(RegionOptions)
 def decision_plane(
     classifier: Any,
     points: Tensor | ArrayLike,
@@ -63,7 +90,7 @@ def decision_plane(
     threshold: float | None = None,
     classes: Sequence[Any] | None = None,
     chunk_size: int | None = None,
-    **options: Unpack[LevelOptions],
+    **options: Unpack[RegionOptions],
 ) -> DecisionRegions:
     """Complexity of the decision regions on the plane through three data points, in inputs of any number of features.
 
@@ -87,6 +114,8 @@ def decision_plane(
             those of the estimator, or counts from 0, or, of labels, takes those that are met.
         chunk_size: points asked for at a time; None means 16,384, fewer if they have very many features.
         {measure options}
+            Here the grid is turned about its centre, not the regions, so that nothing is resampled; the plot turns it
+            back. "own" and "mean" are refused. "least": the rotation with the smallest overall complexity.
 
     Returns:
         `DecisionRegions` with the coordinates of the three points in `plane.corners`. A class that is nowhere on the
@@ -108,7 +137,7 @@ def decision_plane(
         >>> regions.plane.corners[2], regions.overall()
         (tensor([1.8000, 2.4000], dtype=torch.float64), tensor(2.3447, dtype=torch.float64))
     """
-    measure = Measure.of(options, LevelOptions)
+    measure = Measure.of(options, RegionOptions)
     response = ResponseOptions(
         response_method=response_method, threshold=threshold, classes=classes, chunk_size=chunk_size
     )
@@ -116,7 +145,7 @@ def decision_plane(
     return regions_on(grid, classifier, response, boundary, measure)
 
 
-@takes(WindowOptions)
+@takes(PlaneOptions)
 def decision_plane_complexity(
     classifier: Any,
     X: Tensor | ArrayLike,
@@ -130,7 +159,7 @@ def decision_plane_complexity(
     threshold: float | None = None,
     classes: Sequence[Any] | None = None,
     chunk_size: int | None = None,
-    **options: Unpack[WindowOptions],
+    **options: Unpack[PlaneOptions],
 ) -> PlaneComplexity:
     """Mean complexity of decision regions over planes through random triples of data points.
 
@@ -158,11 +187,14 @@ def decision_plane_complexity(
             those of the estimator, or counts from 0, or, of labels, takes those that are met.
         chunk_size: points asked for at a time; None means 16,384, fewer if they have very many features.
         {measure options}
+            Here the grid of each plane is turned about its centre, not the regions, so that nothing is resampled. "own"
+            is refused. "mean" takes the mean over the rotations on each plane and "least" the one with the smallest
+            overall complexity over all scales; both cost `rotations` times as much.
 
     Returns:
         `PlaneComplexity`: the value of `DecisionRegions.overall(low, high)` on each plane, their mean and its standard
-        error. Planes where no class has a point are NaN, left out of the mean, and counted by `num_empty`. Not
-        differentiable. A `rho` is in steps of each grid.
+        error, which is that over the planes; and the same for every class. Planes where no class has a point are NaN,
+        left out of the mean, and counted by `num_empty`. Not differentiable. A `rho` is in steps of each grid.
 
     Raises:
         TypeError: an argument is of the wrong type.
@@ -178,16 +210,43 @@ def decision_plane_complexity(
         >>> planes.values.shape, planes.mean() > 5 * planes.standard_error()
         (torch.Size([8]), True)
     """
-    measure = Measure.of(options, WindowOptions)
+    measure = Measure.of(options, PlaneOptions)
     response = ResponseOptions(
         response_method=response_method, threshold=threshold, classes=classes, chunk_size=chunk_size
     )
-    values, triples = [], []
+    found, triples = [], []
     for triple, plane in random_planes(X, num_planes, seed):
         grid = Grid.around(plane, resolution, relative_margin)
-        values.append(regions_on(grid, classifier, response, boundary, measure).overall(measure.low, measure.high))
+        found.append(summary_on(grid, classifier, response, boundary, measure))
         triples.append(triple)
-    return PlaneComplexity(torch.stack(values), torch.stack(triples), measure)
+    values = torch.stack([summary.overall(measure.low, measure.high) for summary in found])
+    names = classes_of(found)
+    class_values = [_in_order(names, summary, summary.mean(measure.low, measure.high), torch.nan) for summary in found]
+    share = [_in_order(names, summary, summary.share, 0.0) for summary in found]
+    return PlaneComplexity(values, torch.stack(triples), measure, names, torch.stack(class_values), torch.stack(share))
+
+
+def classes_of(summaries: Sequence[RegionSummary]) -> tuple[Any, ...]:
+    """All classes: those of labels that are met on some planes alone are in order, if they can be compared.
+
+    Example:
+        >>> from types import SimpleNamespace
+        >>> classes_of([SimpleNamespace(classes=(2, 7)), SimpleNamespace(classes=(1, 2))])
+        (1, 2, 7)
+    """
+    met = tuple(dict.fromkeys(name for summary in summaries for name in summary.classes))
+    if met == summaries[0].classes:
+        return met
+    try:
+        return tuple(sorted(met))
+    except TypeError:
+        return met
+
+
+def _in_order(names: tuple[Any, ...], summary: RegionSummary, values: Tensor, otherwise: float) -> Tensor:
+    """Numbers of the classes of one plane, (C,) as they stand among all classes."""
+    known = dict(zip(summary.classes, values.tolist(), strict=True))
+    return torch.tensor([known.get(name, otherwise) for name in names], dtype=torch.float64, device="cpu")
 
 
 def random_planes(X: Tensor | ArrayLike, num_planes: int, seed: int) -> Iterator[tuple[Tensor, Plane]]:

@@ -4,16 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Unpack
 
+import torch
 from torch import Tensor
 
 from torchlinf._helpers.checks import choice
 from torchlinf.measure import ComplexityProfile, LevelOptions, Measure, complexity_profile, takes
-from torchlinf.regions.grids import Bounds, Grid, Plane
+from torchlinf.regions.grids import Bounds, Grid, Plane, Stack
 from torchlinf.regions.open_boundary import open_profile
+from torchlinf.regions.orientations import Angle, RegionOptions, turned_grids
 from torchlinf.regions.responses import ResponseOptions, class_masks
 
 Boundary = Literal["background", "open"]
-LEVEL_OPTIONS = LevelOptions.__optional_keys__
 BOUNDARIES = ("background", "open")
 
 
@@ -27,10 +28,12 @@ class DecisionRegions:
     Attributes:
         classes: names of the C classes, those of the classifier or 0, 1, ...
         masks: (C, *resolution) bool, where each class is; the i-th dimension is the i-th feature.
-        axes: coordinates of the points along each dimension, 1-D float64.
+        axes: coordinates of the points along each dimension, 1-D float64; of a grid that is turned, those before the
+            turn.
         profile: the complexity against scale, batch shape (C,); NaN for a class that is nowhere on the grid.
         area: (C,) float64, the share of the grid's points that is in each region.
         plane: for `decision_plane`, where the grid lies in the input space; else None.
+        orientation: by how many degrees, or by which matrix, the masks show the regions turned; None if they are not.
     """
 
     classes: tuple[Any, ...]
@@ -39,6 +42,7 @@ class DecisionRegions:
     profile: ComplexityProfile
     area: Tensor
     plane: Plane | None = None
+    orientation: Angle | None = None
 
     @property
     def num_empty(self) -> int:
@@ -122,7 +126,7 @@ class DecisionRegions:
         return (values.nan_to_num() * self.area[:, None]).sum(dim=0) / self.area.sum()
 
 
-@takes(LevelOptions)
+@takes(RegionOptions)
 def decision_region_complexity(
     classifier: Any,
     bounds: Bounds,
@@ -133,13 +137,13 @@ def decision_region_complexity(
     threshold: float | None = None,
     classes: Sequence[Any] | None = None,
     chunk_size: int | None = None,
-    **options: Unpack[LevelOptions],
+    **options: Unpack[RegionOptions],
 ) -> DecisionRegions:
     """Complexity of the decision regions of a classifier on a grid over 1 to 4 features.
 
     Regions that are boxes along the axes have 0: those of a constant classifier, of a threshold of one feature, of some
     small trees. A straight boundary at a slant does not have 0, and the numbers change with the units of the features
-    and with a rotation of them.
+    and with a rotation of them. `orientation` turns the grid; `decision_region_summary` has the mean over rotations.
 
     Args:
         classifier: one of these, which must answer without NaN:
@@ -166,6 +170,11 @@ def decision_region_complexity(
             those of the estimator, or counts from 0, or, of labels, takes those that are met.
         chunk_size: points asked for at a time; None means 16,384, fewer if they have very many features.
         {measure options}
+            Here the grid is turned about its centre, not the regions: the classifier is asked at the points of the
+            turned grid, up to 21 % of a side beyond the bounds, and nothing is resampled. "own" is refused, since the
+            edge of the grid cuts the regions, and so is "mean", which `decision_region_summary` takes. "least": the
+            rotation with the smallest overall complexity over all scales; with unequal resolutions the rotations are
+            i * 180 / rotations degrees.
 
     Returns:
         `DecisionRegions`. A class that is nowhere has complexity NaN and is counted by `num_empty`; one that is
@@ -187,8 +196,7 @@ def decision_region_complexity(
         >>> regions.classes, regions.mean(), regions.overall()
         ((False, True), tensor([2.0490, 0.5755], dtype=torch.float64), tensor(1.5940, dtype=torch.float64))
     """
-    measure = Measure.of(options, LevelOptions)
-    choice(boundary, BOUNDARIES, "boundary")
+    measure = Measure.of(options, RegionOptions)
     response = ResponseOptions(
         response_method=response_method, threshold=threshold, classes=classes, chunk_size=chunk_size
     )
@@ -198,7 +206,7 @@ def decision_region_complexity(
 def regions_on(
     grid: Grid, classifier: Any, response: ResponseOptions, boundary: Boundary, measure: Measure
 ) -> DecisionRegions:
-    """The regions of a classifier on a grid.
+    """The regions of a classifier on one grid, which the orientation of the measure turns.
 
     Example:
         >>> response = ResponseOptions(response_method="auto", threshold=0.0, classes=None, chunk_size=None)
@@ -206,11 +214,44 @@ def regions_on(
         >>> regions_on(grid, lambda points: points, response, "open", Measure()).area
         tensor([0.6000, 0.4000], dtype=torch.float64)
     """
+    if measure.orientation == "mean":
+        raise ValueError(
+            'orientation must be None, a rotation or "least" for the regions on one grid; got "mean". '
+            "Pass it to decision_region_summary or decision_plane_complexity."
+        )
+    found = regions_on_each(grid, classifier, response, boundary, measure)
+    return min(found, key=_least_first) if measure.orientation == "least" else found[0]
+
+
+def _least_first(regions: DecisionRegions) -> float:
+    """The overall complexity, infinite where no class has a point."""
+    return float(regions.overall().nan_to_num(nan=torch.inf))
+
+
+def regions_on_each(
+    grid: Grid, classifier: Any, response: ResponseOptions, boundary: Boundary, measure: Measure
+) -> list[DecisionRegions]:
+    """The regions of a classifier, of the same classes, on the grid of every rotation that the measure asks for.
+
+    Example:
+        >>> response = ResponseOptions(response_method="auto", threshold=0.0, classes=None, chunk_size=None)
+        >>> found = regions_on_each(
+        ...     Grid.within([(-1, 1), (-1, 1)], 8), lambda points: points[:, 0], response, "background",
+        ...     Measure(orientation="mean", rotations=2),
+        ... )
+        >>> [(regions.orientation, round(regions.overall().item(), 3)) for regions in found]
+        [(0.0, 0.0), (45.0, 0.52)]
+    """
     choice(boundary, BOUNDARIES, "boundary")
-    masks, names = class_masks(classifier, grid, **response)
-    if boundary == "open":
-        profile = open_profile(masks, measure)
-    else:
-        profile = complexity_profile(masks, spatial_ndim=masks.ndim - 1, **measure.options(LevelOptions))
-    area = masks.flatten(1).double().mean(dim=1)
-    return DecisionRegions(names, masks, grid.axes, profile, area, grid.plane)
+    angles, grids = zip(*turned_grids(grid, measure), strict=True)
+    masks, names = class_masks(classifier, Stack(grids), **response)
+    found = []
+    for angle, of_angle in zip(angles, masks.unbind(dim=1), strict=True):
+        if boundary == "open":
+            profile = open_profile(of_angle, measure.plain())
+        else:
+            levels = measure.plain().options(LevelOptions)
+            profile = complexity_profile(of_angle, spatial_ndim=of_angle.ndim - 1, **levels)
+        area = of_angle.flatten(1).double().mean(dim=1)
+        found.append(DecisionRegions(names, of_angle, grid.axes, profile, area, grid.plane, angle))
+    return found

@@ -81,18 +81,28 @@ class Grid:
     """A rectangular grid of points.
 
     Attributes:
-        axes: the coordinates along each axis, 1-D float64, ascending, both ends of the bounds included.
+        axes: the coordinates along each axis before any turn, 1-D float64, ascending, both ends of the bounds included.
         plane: where the coordinates lie in the input space; None if they are the features themselves.
+        turn: (n, n) float64, the rotation by which the grid shows the input space turned; None if it is not. It acts on
+            steps of the grid from the centre. So the units of the axes play no part, and the picture is turned as it
+            is seen on the grid.
 
     Example:
         >>> grid = Grid.within([(0, 1), (5, 9)], (2, 3))
         >>> grid.shape, grid.points(2, 4)
         ((2, 3), tensor([[0., 9.],
                 [1., 5.]], dtype=torch.float64))
+        >>> quarter = torch.tensor([[0.0, -1.0], [1.0, 0.0]], dtype=torch.float64)
+        >>> Grid(Grid.within([(0, 1), (5, 9)], 2).axes, turn=quarter).points(0, 4)  # the point of (0, 1) is now first
+        tensor([[0., 9.],
+                [1., 9.],
+                [0., 5.],
+                [1., 5.]], dtype=torch.float64)
     """
 
     axes: tuple[Tensor, ...]
     plane: Plane | None = None
+    turn: Tensor | None = None
 
     @classmethod
     def within(cls, bounds: Bounds, resolution: int | Sequence[int]) -> "Grid":
@@ -124,7 +134,47 @@ class Grid:
         """The points of these numbers, counted with the last axis running fastest, (stop - start, *features)."""
         place = torch.unravel_index(torch.arange(start, stop, device="cpu"), self.shape)
         coordinates = torch.stack([axis[index] for axis, index in zip(self.axes, place, strict=True)], dim=1)
+        if self.turn is not None:
+            coordinates = self._turned(torch.stack(place, dim=1))
         return coordinates if self.plane is None else self.plane.points(coordinates)
+
+    def _turned(self, place: Tensor) -> Tensor:
+        """Coordinates (P, n) of the points at these places (P, n) of the turned grid."""
+        assert self.turn is not None
+        first, last = (torch.stack([axis[end] for axis in self.axes]) for end in (0, -1))
+        most = torch.tensor([size - 1 for size in self.shape], dtype=torch.float64, device="cpu")
+        # What is seen at a place p of the turned picture was at R^-1 p, and R^-1 p is p R for rows.
+        steps = (place - most / 2) @ self.turn
+        return (first + last) / 2 + steps * ((last - first) / most)
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Grids of one shape, asked for one after the other as if they were one grid with a first axis more.
+
+    Example:
+        >>> grid = Grid.within([(0, 1), (5, 9)], 2)
+        >>> stack = Stack((grid, grid))
+        >>> stack.shape, stack.points(3, 5)
+        ((2, 2, 2), tensor([[1., 9.],
+                [0., 5.]], dtype=torch.float64))
+    """
+
+    grids: tuple[Grid, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of grids, then points along each axis of one."""
+        return (len(self.grids), *self.grids[0].shape)
+
+    def points(self, start: int, stop: int) -> Tensor:
+        """The points of these numbers, counted through all grids, (stop - start, *features)."""
+        size = math.prod(self.grids[0].shape)
+        parts = [
+            self.grids[i].points(max(start - i * size, 0), min(stop - i * size, size))
+            for i in range(start // size, -(-stop // size))
+        ]
+        return torch.cat(parts)
 
 
 def bounds_around(X: Tensor | ArrayLike, *, eps: float = 1.0) -> list[tuple[float, float]]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from torchlinf._helpers.checks import choice, count, number_or_none
-from torchlinf.regions.grids import Grid
+from torchlinf.regions.grids import Grid, Stack
 
 RESPONSES = ("auto", "predict", "decision_function", "predict_proba")
 SCORES = ("decision_function", "predict_proba", "predict")  # in the order in which "auto" looks for them, to threshold
@@ -49,7 +49,7 @@ class Responder:
 
 def class_masks(
     classifier: Any,
-    grid: Grid,
+    grid: Grid | Stack,
     *,
     response_method: str = "auto",
     threshold: float | None = None,
@@ -208,7 +208,7 @@ def _evaluating(classifier: Any) -> Iterator[None]:
             part.training = training
 
 
-def _in_chunks(ask: Callable[[Tensor], Any], grid: Grid, chunk_size: int | None) -> Iterator[NDArray[Any]]:
+def _in_chunks(ask: Callable[[Tensor], Any], grid: Grid | Stack, chunk_size: int | None) -> Iterator[NDArray[Any]]:
     """The responses (P,) or (P, C), free of NaN."""
     total = math.prod(grid.shape)
     features = grid.points(0, 1).numel()

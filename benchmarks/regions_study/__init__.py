@@ -1,0 +1,1 @@
+"""What does the complexity of decision regions say about a classifier? `python -m benchmarks.regions_study`."""
