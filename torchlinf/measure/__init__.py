@@ -7,11 +7,13 @@ from torchlinf.measure.profile import (
     ComplexityProfile,
     complexity,
     complexity_profile,
+    mean_of_levels,
     profile_of_field,
     profile_of_levels,
     ragged_profile,
 )
 from torchlinf.measure.soft import soft_complexity
+from torchlinf.measure.solved_shape import SolvedShape, complexities_after_flips
 
 __all__ = [
     "ComplexityProfile",
@@ -20,11 +22,14 @@ __all__ = [
     "Measure",
     "MeasureOptions",
     "SoftOptions",
+    "SolvedShape",
     "WindowOptions",
+    "complexities_after_flips",
     "complexity",
     "complexity_map",
     "complexity_profile",
     "level_values",
+    "mean_of_levels",
     "profile_of_field",
     "profile_of_levels",
     "ragged_profile",

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import ceil
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 import torch
@@ -162,28 +163,44 @@ def _by_kernels(
     mask: NDArray[np.bool_], rho: float | None, measure: Measure, check: Callable[[], None]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, int, int]:
     """Values and bounds of the levels, bound of the field, sweeps and status of one cropped shape."""
-    from torchlinf.kernels import histograms
-
     solved = solve_shape(mask, rho, measure.tol, check)
-    distance = solved.shape.distance
+    values, bounds = refined_estimates(solved, measure)
+    return values, bounds, solved.bound, solved.sweeps(), int(solved.status)
+
+
+def refined_estimates(solved: Any, measure: Measure) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Values and bounds of the levels of what `solve_shape` gives, which is solved on while a level is in doubt."""
+    number = solved.shape.distance
     if measure.levels == "rim":
-        distance = histograms.rim(distance, solved.shape.grid.strides)
-
-    def estimate() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        # The ring of outside pixels is on no level, so field and distance can stay padded.
-        values, begin = histograms.sort_by_level(solved.v, distance, solved.shape.radius)
-        error = solved.bound + ROUNDING * values.max()
-        if measure.estimator == "std":
-            return histograms.deviations(values, begin), histograms.deviation_bounds(values, begin, error)
-        found = histograms.entropies(values, begin, measure.bins, EDGE_SLACK)
-        return found, histograms.entropy_bounds(values, begin, measure.bins, EDGE_SLACK, error, found)
-
-    values, bounds = estimate()
+        number = rim_of(number, solved.shape.grid.strides)
+    values, bounds = estimates(solved.v, number, solved.shape.radius, solved.bound, measure)
     for tol in _tighter(measure):
         if bounds.max() <= measure.tol_bits or not solved.refine(tol):
             break
-        values, bounds = estimate()
-    return values, bounds, solved.bound, solved.sweeps(), int(solved.status)
+        values, bounds = estimates(solved.v, number, solved.shape.radius, solved.bound, measure)
+    return values, bounds
+
+
+def rim_of(distance: NDArray[np.int32], strides: NDArray[np.int64]) -> NDArray[np.int32]:
+    """`rim` of one shape, flat and padded."""
+    from torchlinf.kernels import histograms
+
+    return histograms.rim(distance, strides)
+
+
+def estimates(
+    v: NDArray[np.float64], number: NDArray[np.int32], radius: int, bound: float, measure: Measure
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Values and bounds of the levels 1..radius; `number` is that of each pixel's level or 0, flat and padded like v."""
+    from torchlinf.kernels import histograms
+
+    # The ring of outside pixels is on no level, so field and distance can stay padded.
+    values, begin = histograms.sort_by_level(v, number, radius)
+    error = bound + ROUNDING * values.max()
+    if measure.estimator == "std":
+        return histograms.deviations(values, begin), histograms.deviation_bounds(values, begin, error)
+    found = histograms.entropies(values, begin, measure.bins, EDGE_SLACK)
+    return found, histograms.entropy_bounds(values, begin, measure.bins, EDGE_SLACK, error, found)
 
 
 def level_values(

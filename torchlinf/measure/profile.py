@@ -170,12 +170,7 @@ class ComplexityProfile:
 
     def _mean_of(self, of_levels: Tensor, low: float, high: float) -> Tensor:
         """Exact mean over the scales in (low, high] of one number a level."""
-        shape, number = self._numbered()
-        size = self.radius.flatten().to(of_levels)[shape]  # (sum of radius,) the D that belongs to each level
-        overlap = length_within(number, size, low, high)
-        most = torch.full_like(self.radius.flatten(), 32)  # no value exceeds 20 bits, and the lengths add up to 1
-        total = segment_sum(of_levels * overlap, shape, most) / (high - low)
-        return self._lead(total.masked_fill(self.radius.flatten() == 0, torch.nan))
+        return self._lead(mean_of_levels(of_levels, self.radius.flatten(), low, high))
 
     def peak(self) -> tuple[Tensor, Tensor]:
         """Largest level value and the scale it is reached at.
@@ -189,8 +184,8 @@ class ComplexityProfile:
             >>> torchlinf.complexity_profile(torchlinf.shapes.disc(8), spatial_ndim=2).peak()
             (tensor(1.2867, dtype=torch.float64), tensor(0.1667, dtype=torch.float64))
         """
-        shape, number = self._numbered()
         radius = self.radius.flatten()
+        shape, number = _numbered(radius)
         value = self.level_values.new_full(radius.shape, torch.nan)
         value = value.scatter_reduce(0, shape, self.level_values, "amax", include_self=False)
         # Levels that do not reach the maximum stand behind every level that does.
@@ -198,18 +193,39 @@ class ComplexityProfile:
         first = radius.scatter_reduce(0, shape, rank, "amin", include_self=False)
         return self._lead(value), self._lead(first / radius.to(value))
 
-    def _numbered(self) -> tuple[Tensor, Tensor]:
-        """For each entry of `level_values` its shape in the flattened batch, and its level k."""
-        radius = self.radius.flatten()
-        # Not repeat_interleave, which starts OpenMP's threads at any size: a child process that is forked later, and
-        # calls it too, would wait for threads that it does not have.
-        ends = radius.cumsum(0)
-        passed = radius.new_zeros(int(radius.sum()) + 1).index_add(0, ends, torch.ones_like(ends))
-        shape = passed[:-1].cumsum(0)
-        return shape, torch.arange(1, len(shape) + 1, device=radius.device) - first_level(radius)[shape]
-
     def _lead(self, flat: Tensor) -> Tensor:
         return flat.reshape(self.radius.shape).to(self.values.dtype)
+
+
+def mean_of_levels(of_levels: Tensor, radius: Tensor, low: float, high: float) -> Tensor:
+    """Exact mean over the scales in (low, high] of one number a level, for N shapes of these radii; NaN for radius 0.
+
+    Args:
+        of_levels: (sum of radius,) the levels of all shapes one after the other.
+        radius: (N,) int64.
+        low: lower end of the window, excluded.
+        high: upper end, included.
+
+    Example:
+        >>> mean_of_levels(torch.tensor([1.0, 2.0, 5.0]), torch.tensor([2, 0, 1]), 0.0, 0.75)
+        tensor([1.3333,    nan, 5.0000])
+    """
+    shape, number = _numbered(radius)
+    size = radius.to(of_levels)[shape]  # (sum of radius,) the D that belongs to each level
+    overlap = length_within(number, size, low, high)
+    most = torch.full_like(radius, 32)  # no value exceeds 20 bits, and the lengths add up to 1
+    total = segment_sum(of_levels * overlap, shape, most) / (high - low)
+    return total.masked_fill(radius == 0, torch.nan)
+
+
+def _numbered(radius: Tensor) -> tuple[Tensor, Tensor]:
+    """For each level of all shapes the number of its shape, and its level k."""
+    # Not repeat_interleave, which starts OpenMP's threads at any size: a child process that is forked later, and
+    # calls it too, would wait for threads that it does not have.
+    ends = radius.cumsum(0)
+    passed = radius.new_zeros(int(radius.sum()) + 1).index_add(0, ends, torch.ones_like(ends))
+    shape = passed[:-1].cumsum(0)
+    return shape, torch.arange(1, len(shape) + 1, device=radius.device) - first_level(radius)[shape]
 
 
 @takes(LevelOptions)
