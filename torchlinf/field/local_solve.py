@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from torchlinf.field.policy_iteration import NOISE, TIE, PolicyIteration
 from torchlinf.kernels import local_distance, local_field
+from torchlinf.kernels.grid import make_grid
 from torchlinf.kernels.policy_system import PolicySystem
 
-PASSES = 8  # over the list before each linear solve
-ROUNDS = 12  # linear solves after which the flip is left to a complete solve
+PASSES = 3  # over the list before each linear solve
+ROUNDS = 16  # linear solves after which the flip is left to a complete solve
 SHARE = 0.4  # of the shape's pixels, from which on a complete solve costs no more
 
 
@@ -47,7 +48,7 @@ class LocalSolve:
     Attributes:
         v: the field, flat, on the padded grid.
         distance: the chessboard distance, like `v`.
-        bound: certified relative error of the field of the shape as it is without the last flip.
+        bound: certified relative error of the field of the shape, without a flip that is neither kept nor undone.
         tol: what that error is solved to after a flip; not below `bound`.
         radius: D of that shape.
     """
@@ -58,83 +59,79 @@ class LocalSolve:
         size = solved.v.size
         self.v, self.distance = solved.v, shape.distance
         self.radius, self.bound = shape.radius, solved.bound
-        self._follows_radius = rho is None
-        self._screening, self._block = shape.screening, shape.grid.block
         self.tol = max(solved.bound, min(max(2 * solved.bound, solved.finest), tol))
+        self._follows_radius = rho is None
+        self._shape = shape
         self._largest = float(shape.profile[-1])
         self._limit = int(SHARE * shape.grid.pixels)
         self._counts = np.bincount(self.distance, minlength=max(shape.grid.shape) + 1)
         # On a grid that is seen as all inside, since any pixel of it may be filled.
-        self._system = PolicySystem(replace(shape.grid, pixels=size), self._screening)
+        self._system = PolicySystem(replace(shape.grid, pixels=size), shape.screening)
         self._listed = np.zeros(size, np.uint8)
-        self._active, self._beside, self._inside = (np.empty(size, np.int32) for _ in range(3))
+        self._active, self._beside = np.empty((2, size), np.int32)
+        self._starts, self._ends = np.empty((2, size), np.int64)
         self._before = np.empty(size)
-        self._trail, self._old = np.empty(2 * size, np.int32), np.empty(2 * size, np.int32)
-        self._num_listed = self._num_shifted = 0
+        self._trail, self._old = np.empty((2, 2 * size), np.int32)
+        self._state = np.zeros(local_field.STATES, np.int64)
+        self._num_shifted = 0
         self._last: Change | None = None
 
     def apply(self, pixels: NDArray[np.int32], check: Callable[[], None]) -> Change:
         """Flip pixels, each given once and none of the ring, and solve; `undo` or `keep` has to follow."""
         inside = self.distance[pixels] > 0
-        count = 0
-        if inside.any():
-            removed = np.ascontiguousarray(pixels[inside])
-            count = local_distance.remove(self.distance, removed, self._block, self._trail, self._old, count)
-        if not inside.all():
-            filled = np.ascontiguousarray(pixels[~inside])
-            count = local_distance.fill(self.distance, filled, self._block, self._trail, self._old, count)
+        flipped = pixels[inside], pixels[~inside]
+        count, radius = local_distance.flip(
+            self.distance, *flipped, self._shape.grid.block, self._counts, self._trail, self._old
+        )
         self._num_shifted = count
-        counts = self._counts.copy()
-        radius = local_distance.change_counts(counts, self.distance, self._trail, self._old, count)
-        bound, solved = np.inf, False
+        self._state[local_field.LISTED] = 0
+        solved, bound = False, np.inf
         if radius == self.radius or not self._follows_radius:
-            bound = max(self.bound, self._solve(pixels, check))
-            solved = bool(bound < np.inf)
-        self._last = Change(radius, solved, bound, self._active[: self._num_listed], self._trail[:count])
+            bound = max(self.bound, self._solve(*flipped, check))
+            solved = bound < np.inf
+        moved = self._active[: self._state[local_field.LISTED]]
+        self._last = Change(radius, solved, bound, moved, self._trail[:count])
         return self._last
 
     def undo(self) -> None:
         """Flip back: field and distance are what they were, to the last bit."""
-        local_distance.undo(self.v, self._active, self._before, self._num_listed)
-        local_distance.undo(self.distance, self._trail, self._old, self._num_shifted)
-        self._num_listed = self._num_shifted = 0
+        self._end(True)
+        local_distance.undo(self.distance, self._counts, self._trail, self._old, self._num_shifted)
 
     def keep(self) -> None:
         """Make the last flip, which must have been solved, a part of the shape."""
         assert self._last is not None and self._last.solved
-        local_distance.change_counts(self._counts, self.distance, self._trail, self._old, self._num_shifted)
+        self._end(False)
         self.radius, self.bound = self._last.radius, self._last.bound
-        self._num_listed = self._num_shifted = 0
 
-    def _solve(self, pixels: NDArray[np.int32], check: Callable[[], None]) -> float:
+    def whole(self, tol: float, check: Callable[[], None]) -> PolicyIteration:
+        """After a flip that was not solved and has left the radius as it was: a solve of all of the shape.
+
+        It starts from the field as it is, and shares no array with this object.
+        """
+        distance = self.distance.copy()
+        grid = make_grid((distance > 0).reshape(self._shape.grid.shape))
+        solve = PolicyIteration(replace(self._shape, grid=grid, distance=distance), tol, None, check)
+        solve.run_from(self.v)
+        return solve
+
+    def _end(self, undo: bool) -> None:
+        count = self._state[local_field.LISTED]
+        local_field.end(
+            self.v, undo, self._listed, self._system.up, self._system.down, self._active, self._before, count
+        )
+
+    def _solve(self, removed: NDArray[np.int32], filled: NDArray[np.int32], check: Callable[[], None]) -> float:
         """Solve where the flip reaches; returns the largest residual there, inf where this has to be left undone."""
-        v, distance, block, system = self.v, self.distance, self._block, self._system
+        grid, screening, system, state = self._shape.grid, self._shape.screening, self._system, self._state
         lists = self._listed, self._active, self._before
-        count = local_field.add_around(v, distance, pixels, block, *lists, 0)
-        residual = np.inf
-        for number in range(ROUNDS + 1):
+        local_field.begin(self.v, self.distance, removed, filled, grid.block, *lists, state)
+        while True:
             check()
-            count = local_field.relax(
-                v, distance, block, self._screening, self.tol, PASSES, self._limit, *lists, count
-            )
-            if count > self._limit:
-                break
-            residual, count = self._residual(count)
-            if residual <= self.tol or number == ROUNDS:
-                break
-            tie = max(TIE * self._largest, NOISE * residual)
-            local_field.choose_policies_at(v, distance, block, tie, self._active, count, system.up, system.down)
-            size = local_field.inside_of(distance, self._active, count, self._inside)
-            system.solve_pixels(v, self._inside[:size], max(NOISE * residual, 1e-13 * self._largest))
-            residual, count = self._residual(count)
-            if residual <= self.tol:
-                break
-        local_field.forget(self._listed, system.up, system.down, self._active, count)
-        self._num_listed = count
-        return residual if residual <= self.tol else np.inf
-
-    def _residual(self, count: int) -> tuple[float, int]:
-        return local_field.measure(  # type: ignore[no-any-return]
-            self.v, self.distance, self._block, self._screening, self.tol, self._listed, self._active, self._before,
-            count, self._beside,
-        )  # fmt: skip
+            residual: float = local_field.advance(
+                self.v, self.distance, grid.block, grid.rows, screening, self.tol, PASSES, ROUNDS, self._limit,
+                TIE * self._largest, NOISE, *system.scratch, *lists, self._beside, self._starts, self._ends, state,
+            )  # fmt: skip
+            if state[local_field.END] != local_field.AT_CYCLE:
+                return residual if state[local_field.END] == local_field.SOLVED else np.inf
+            system.solve_cycle(self.v, state[local_field.CHAINS :], max(NOISE * residual, 1e-13 * self._largest))

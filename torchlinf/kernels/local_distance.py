@@ -1,27 +1,45 @@
-"""The chessboard distance after some pixels were removed or filled, changed only where it does change.
+"""The chessboard distance after some pixels were flipped, changed only where it does change.
 
-What was overwritten goes to a trail, the pixel and its old distance, so that all of it can be undone in reverse order.
+What was overwritten goes to a trail, the pixel and its old distance, so that all of it can be undone, the last first.
 """
 
-from torchlinf.kernels.compiler import kernel
+from torchlinf.kernels.compiler import inlined, kernel
 
 _UNKNOWN = 2**30  # more than any distance
 
 
 @kernel
-def remove(distance, pixels, block, trail, old, count):  # type: ignore[no-untyped-def]
-    """Set the distance after inside `pixels` became outside; returns the length of the trail, which was `count`.
+def flip(distance, removed, filled, block, counts, trail, old):  # type: ignore[no-untyped-def]
+    """Set the distance after inside pixels were removed and outside ones filled.
 
-    The new distance is the least of the old one and that to the removed pixels, which spreads from them as a wave: all
-    pixels of a shortest way back change as well.
+    Returns the length of the trail and the new radius. `counts` is the number of pixels of each distance, and is kept up
+    to date.
     """
-    first = count
+    count = _remove(distance, removed, block, counts, trail, old)
+    count = _fill(distance, filled, block, counts, trail, old, count)
+    radius = counts.size - 1
+    while radius > 0 and counts[radius] == 0:
+        radius -= 1
+    return count, radius
+
+
+@inlined
+def _remove(distance, pixels, block, counts, trail, old):  # type: ignore[no-untyped-def]
+    """The new distance is the least of the old one and that to the removed pixels.
+
+    It spreads from them as a wave: on a shortest way back from a pixel that changes, all pixels change.
+    """
+    count = 0
     for x in pixels:
         trail[count], old[count] = x, distance[x]
         distance[x] = 0
         count += 1
+    first = 0
     while first < count:
         x = trail[first]
+        counts[old[first]] -= 1
+        counts[distance[x]] += 1
+        first += 1
         beyond = distance[x] + 1
         for offset in block:
             y = x + offset
@@ -29,16 +47,15 @@ def remove(distance, pixels, block, trail, old, count):  # type: ignore[no-untyp
                 trail[count], old[count] = y, distance[y]
                 distance[y] = beyond
                 count += 1
-        first += 1
     return count
 
 
-@kernel
-def fill(distance, pixels, block, trail, old, count):  # type: ignore[no-untyped-def]
-    """Set the distance after outside `pixels` became inside; returns the length of the trail, which was `count`.
+@inlined
+def _fill(distance, pixels, block, counts, trail, old, count):  # type: ignore[no-untyped-def]
+    """A pixel keeps its distance while a pixel of one less beside it does.
 
-    A pixel keeps its distance while a pixel of one less beside it does. From the filled pixels outwards, distance by
-    distance, those that no longer have one are found. Their distances are then relaxed from all around them.
+    From the filled pixels outwards, distance by distance, those that no longer have one are found. Their distances are
+    then relaxed from all around them.
     """
     begin = first = count
     for x in pixels:
@@ -48,50 +65,44 @@ def fill(distance, pixels, block, trail, old, count):  # type: ignore[no-untyped
     while first < count:
         x = trail[first]
         before = old[first]
+        first += 1
         for offset in block:
             y = x + offset
-            if distance[y] == before + 1:
-                held = False
-                for second in block:
-                    held = held or distance[y + second] == before
-                if not held:
-                    trail[count], old[count] = y, distance[y]
-                    distance[y] = _UNKNOWN
-                    count += 1
-        first += 1
+            if distance[y] == before + 1 and not _is_held(distance, y, block, before):
+                trail[count], old[count] = y, distance[y]
+                distance[y] = _UNKNOWN
+                count += 1
     changed = True
     backward = False
     while changed:
         changed = False
         for k in range(begin, count):
             x = trail[begin + count - 1 - k] if backward else trail[k]
-            nearest = _UNKNOWN
+            nearest = distance[x]
             for offset in block:
-                nearest = min(nearest, distance[x + offset])
-            if nearest + 1 < distance[x]:
-                distance[x] = nearest + 1
+                nearest = min(nearest, distance[x + offset] + 1)
+            if nearest < distance[x]:
+                distance[x] = nearest
                 changed = True
         backward = not backward
+    for k in range(begin, count):
+        counts[old[k]] -= 1
+        counts[distance[trail[k]]] += 1
     return count
 
 
 @kernel
-def undo(values, trail, old, count):  # type: ignore[no-untyped-def]
-    """Put back what was overwritten, the last first."""
-    for k in range(count - 1, -1, -1):
-        values[trail[k]] = old[k]
+def _is_held(distance, x, block, before):  # type: ignore[no-untyped-def]
+    for offset in block:
+        if distance[x + offset] == before:
+            return True
+    return False
 
 
 @kernel
-def change_counts(counts, distance, trail, old, count):  # type: ignore[no-untyped-def]
-    """How many pixels each distance has, of which `counts` tells before; returns the radius.
-
-    A pixel that is on the trail twice has its new distance counted twice, and the one in between taken off.
-    """
-    for k in range(count):
-        counts[old[k]] -= 1
-        counts[distance[trail[k]]] += 1
-    radius = counts.size - 1
-    while radius > 0 and counts[radius] <= 0:
-        radius -= 1
-    return radius
+def undo(distance, counts, trail, old, count):  # type: ignore[no-untyped-def]
+    """Put back what was overwritten."""
+    for k in range(count - 1, -1, -1):
+        counts[distance[trail[k]]] -= 1
+        counts[old[k]] += 1
+        distance[trail[k]] = old[k]

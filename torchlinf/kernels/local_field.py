@@ -5,86 +5,151 @@ after pixels are removed every value falls, after pixels are filled every value 
 residual is left, and nowhere else.
 """
 
-import numpy as np
-
 from torchlinf.kernels.compiler import inlined, kernel
+from torchlinf.kernels.policy_system import follow_chains
+
+# Places of `state`: how many pixels are listed, and solves done; how `advance` ended; how many pixels are being solved
+# for, and from CHAINS on what `follow_chains` keeps.
+LISTED, SOLVES, END, SIZE, CHAINS = range(5)
+STATES = 6
+SOLVED, UNSOLVED, AT_CYCLE = range(3)  # how it ended: at a cycle it is to be called again when that is solved
+UNLISTED, PRESENT, LOOKED_AT = range(3)  # values of `listed`
 
 
 @inlined
-def _extrema(v, x, block):  # type: ignore[no-untyped-def]
+def _extrema(v, x, rows):  # type: ignore[no-untyped-def]
     most = v[x]
     least = v[x]
-    for offset in block:
-        most = max(most, v[x + offset])
-        least = min(least, v[x + offset])
+    for row in rows:
+        y = x + row
+        a, b, c = v[y - 1], v[y], v[y + 1]
+        most = max(max(most, a), max(b, c))
+        least = min(min(least, a), min(b, c))
     return most, least
 
 
 @kernel
-def add_around(v, distance, pixels, block, listed, active, old, count):  # type: ignore[no-untyped-def]
-    """List the pixels that were flipped and the inside pixels beside them; returns how many are listed.
-
-    `active` are the pixels, `old` their values before, `listed` tells which they are. Removed pixels become 0.
-    """
-    for x in pixels:
-        if listed[x] == 0:
-            listed[x] = 1
-            active[count], old[count] = x, v[x]
-            count += 1
-        if distance[x] == 0:
-            v[x] = 0.0
-    for x in pixels:
-        for offset in block:
-            y = x + offset
-            if listed[y] == 0 and distance[y] > 0:
-                listed[y] = 1
-                active[count], old[count] = y, v[y]
-                count += 1
-    return count
+def _residual(v, x, rows, screening):  # type: ignore[no-untyped-def]
+    most, least = _extrema(v, x, rows)
+    return abs((most - v[x]) - (v[x] - least) + (1.0 - screening * v[x]))
 
 
 @kernel
-def relax(v, distance, block, screening, threshold, passes, limit, listed, active, old, count):  # type: ignore[no-untyped-def]
+def begin(v, distance, removed, filled, block, listed, active, old, state):  # type: ignore[no-untyped-def]
+    """List the pixels that were flipped, which become 0, and the inside pixels beside them.
+
+    `active` are the listed pixels, `old` their values before, `listed` tells which they are.
+    """
+    count = 0
+    for pixels in (removed, filled):
+        for x in pixels:
+            listed[x] = PRESENT
+            active[count], old[count] = x, v[x]
+            v[x] = 0.0
+            count += 1
+    for k in range(count):
+        for offset in block:
+            y = active[k] + offset
+            if listed[y] == UNLISTED and distance[y] > 0:
+                listed[y] = PRESENT
+                active[count], old[count] = y, v[y]
+                count += 1
+    state[:] = 0
+    state[LISTED] = count
+    state[END] = UNSOLVED
+
+
+@kernel
+def advance(  # type: ignore[no-untyped-def]
+    v, distance, block, rows, screening, tol, passes, rounds, limit, tie, noise, up, down, factors, owner, path, listed,
+    active, old, beside, starts, ends, state,
+):  # fmt: skip
+    """Relax and solve in turn until every residual on and beside the list is at most `tol`; returns the largest one.
+
+    It gives up after `rounds` solves, or where more than `limit` pixels are listed. Within `tie`, or within the share
+    `noise` of the residual, neighbours are equal. `up`, `down` and `owner` are 0 outside the list. The rest is scratch.
+    """
+    count = state[LISTED]
+    residual = 0.0
+    resumed = state[END] == AT_CYCLE
+    state[END] = UNSOLVED
+    while True:
+        if not resumed:
+            count = _relax(v, distance, block, rows, screening, tol, passes, limit, listed, active, old, count)
+            residual, count = _measure(v, distance, block, rows, screening, tol, listed, active, old, count, beside)
+            if residual <= tol:
+                state[END] = SOLVED
+                break
+            if count > limit or state[SOLVES] == rounds:
+                break
+            state[SIZE] = _choose(
+                v, distance, block, rows, max(tie, noise * residual), active, count, up, down, starts, ends
+            )
+            state[CHAINS], state[CHAINS + 1] = 0, -1
+            state[SOLVES] += 1
+        resumed = False
+        size = state[SIZE]
+        if follow_chains(v, starts[:size], ends[:size], up, down, factors, screening, owner, path, state[CHAINS:]):
+            state[END] = AT_CYCLE
+            break
+        residual, count = _measure(v, distance, block, rows, screening, tol, listed, active, old, count, beside)
+        if residual <= tol:
+            state[END] = SOLVED
+            break
+    state[LISTED] = count
+    return residual
+
+
+@kernel
+def _relax(v, distance, block, rows, screening, tol, passes, limit, listed, active, old, count):  # type: ignore[no-untyped-def]
     """Relax the listed pixels in place, forwards and backwards in turn; returns how many are listed.
 
-    Neighbours of a pixel that moved, whose residual is above the threshold, join the list. It ends early where the list
-    is longer than `limit`.
+    Neighbours of a pixel that moved join the list if their residual is above `tol`. It ends early where nothing moves,
+    or where the list is longer than `limit`.
     """
     weight = 1.0 / (2.0 + screening)
     for number in range(passes):
+        largest = 0.0
         k = 0
         stop = count
-        while k < (count if number % 2 == 0 else stop):
+        while k < stop:
             x = active[k] if number % 2 == 0 else active[stop - 1 - k]
             k += 1
             if distance[x] == 0:
                 continue
-            most, least = _extrema(v, x, block)
+            most, least = _extrema(v, x, rows)
             value = (most + least + 1.0) * weight
             move = abs(value - v[x])
             v[x] = value
-            if move > threshold:
+            if move > tol:
+                largest = max(largest, move)
                 for offset in block:
                     y = x + offset
-                    if listed[y] == 0 and distance[y] > 0:
-                        most, least = _extrema(v, y, block)
-                        if abs((most - v[y]) - (v[y] - least) + (1.0 - screening * v[y])) > threshold:
-                            listed[y] = 1
-                            active[count], old[count] = y, v[y]
-                            count += 1
+                    if listed[y] == UNLISTED and distance[y] > 0 and _residual(v, y, rows, screening) > tol:
+                        listed[y] = PRESENT
+                        active[count], old[count] = y, v[y]
+                        count += 1
                 if count > limit:
                     return count
+            if number % 2 == 0:
+                stop = count  # forwards also those that have just joined: so news goes as far as it goes
+        if largest <= tol:
+            break
     return count
 
 
 @kernel
-def choose_policies_at(v, distance, block, tie, active, count, up, down):  # type: ignore[no-untyped-def]
-    """The policies of the listed pixels, by the tie rule of `stencil.choose_policies`."""
+def _choose(v, distance, block, rows, tie, active, count, up, down, starts, ends):  # type: ignore[no-untyped-def]
+    """The policies of the listed pixels that are inside, by the tie rule of `stencil.choose_policies`.
+
+    Each of these pixels becomes a run from `starts` to `ends`; returns how many they are.
+    """
+    size = 0
     for k in range(count):
         x = active[k]
         if distance[x] == 0:
             continue
-        most, least = _extrema(v, x, block)
+        most, least = _extrema(v, x, rows)
         most -= tie
         least += tie
         above = below = x
@@ -98,57 +163,50 @@ def choose_policies_at(v, distance, block, tie, active, count, up, down):  # typ
                 if v[x + offset] <= least:
                     below = x + offset
                     break
-        up[x] = above
-        down[x] = below
+        up[x], down[x] = above, below
+        starts[size], ends[size] = x, x + 1
+        size += 1
+    return size
 
 
 @kernel
-def measure(v, distance, block, screening, threshold, listed, active, old, count, beside):  # type: ignore[no-untyped-def]
+def _measure(v, distance, block, rows, screening, tol, listed, active, old, count, beside):  # type: ignore[no-untyped-def]
     """The largest residual on the listed pixels and beside them, and how many are listed after that.
 
-    Pixels beside the list with a residual above the threshold join it. `beside` is scratch.
+    Pixels beside the list with a residual above `tol` join it.
     """
     largest = 0.0
     looked = 0
-    before = count
-    for k in range(before):
+    for k in range(count):
         x = active[k]
+        if distance[x] > 0:
+            largest = max(largest, _residual(v, x, rows, screening))
+        if v[x] == old[k]:
+            continue  # beside it nothing has changed
         for offset in block:
             y = x + offset
-            if distance[y] == 0 or listed[y] == 2 or (listed[y] == 1 and offset != 0):
-                continue
-            most, least = _extrema(v, y, block)
-            residual = abs((most - v[y]) - (v[y] - least) + (1.0 - screening * v[y]))
-            largest = max(largest, residual)
-            if offset != 0:
-                if residual > threshold:
-                    listed[y] = 1
+            if listed[y] == UNLISTED and distance[y] > 0:
+                residual = _residual(v, y, rows, screening)
+                largest = max(largest, residual)
+                if residual > tol:
+                    listed[y] = PRESENT
                     active[count], old[count] = y, v[y]
                     count += 1
                 else:
-                    listed[y] = 2
+                    listed[y] = LOOKED_AT
                     beside[looked] = y
                     looked += 1
     for k in range(looked):
-        listed[beside[k]] = 0
+        listed[beside[k]] = UNLISTED
     return largest, count
 
 
 @kernel
-def forget(listed, up, down, active, count):  # type: ignore[no-untyped-def]
-    """Unlist all pixels and their policies."""
+def end(v, undo, listed, up, down, active, old, count):  # type: ignore[no-untyped-def]
+    """Unlist all pixels and their policies, and with `undo` put their values back."""
     for k in range(count):
         x = active[k]
-        listed[x] = 0
+        listed[x] = UNLISTED
         up[x] = down[x] = 0
-
-
-@kernel
-def inside_of(distance, active, count, chosen):  # type: ignore[no-untyped-def]
-    """Write the listed pixels that are inside into `chosen`; returns how many."""
-    size = 0
-    for k in range(count):
-        if distance[active[k]] > 0:
-            chosen[size] = active[k]
-            size += 1
-    return size
+        if undo:
+            v[x] = old[k]

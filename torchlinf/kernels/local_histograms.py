@@ -12,12 +12,6 @@ _UNIT = 2.0**55  # as in `histograms`, so that the same counts give the same ent
 
 
 @inlined
-def _bin(value, peak, bins, slack):  # type: ignore[no-untyped-def]
-    cell = np.int64(value / peak * bins + slack)
-    return cell if cell < bins else bins - 1
-
-
-@inlined
 def _level(distance, x, faces):  # type: ignore[no-untyped-def]
     """The level of a pixel; with faces only where one of these neighbours has a smaller distance, else 0."""
     level = distance[x]
@@ -31,7 +25,7 @@ def _level(distance, x, faces):  # type: ignore[no-untyped-def]
 
 @kernel
 def place(  # type: ignore[no-untyped-def]
-    pixels, around, field, distance, faces, peak, bins, slack, factor, cell, doubtful, tally, sizes, touched, trail,
+    pixels, around, field, distance, faces, peak, bins, slack, error, cell, doubtful, tally, sizes, touched, trail,
     old, count,
 ):  # fmt: skip
     """Put pixels, and those `around` them, into their cells; returns the largest field there and the trail's length.
@@ -41,7 +35,7 @@ def place(  # type: ignore[no-untyped-def]
         field: v, flat and padded; `distance` as well.
         faces: offsets to the neighbours through faces for levels that are rims, else none.
         peak: what values are divided by.
-        factor: a pixel is in doubt where its value, divided or multiplied by this, lies in another bin.
+        error: relative error of a value divided by `peak`; a pixel is in doubt if another bin is as near.
         cell: of each pixel, -1 for none; `doubtful` is 1 where it is in doubt.
         tally: number of pixels of each cell; `sizes` that of each level, from 1; `touched` is set where one changed.
         trail: pixels that moved; `old` is 2 cell + doubtful before.
@@ -56,11 +50,10 @@ def place(  # type: ignore[no-untyped-def]
             if level > 0:
                 value = field[x]
                 largest = max(largest, value)
-                place = _bin(value, peak, bins, slack)
-                now = (level - 1) * bins + place
-                high = min(value * factor, peak)
-                if _bin(value / factor, peak, bins, slack) != _bin(high, peak, bins, slack):
-                    doubt = np.int64(1)
+                place = value / peak * bins + slack
+                bin = np.int64(place)
+                doubt = np.int64(place - bin < place * error or bin + 1 - place < place * error) if bin < bins else 0
+                now = (level - 1) * bins + min(bin, bins - 1)
             before = np.int64(cell[x])
             if now == before and doubt == doubtful[x]:
                 continue

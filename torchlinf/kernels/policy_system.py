@@ -48,27 +48,27 @@ class PolicySystem:
         Components with many feedback vertices are solved to `tol`, all else exactly. Returns the number of unknowns in
         components that were no chain.
         """
-        return self._solve_runs(v, self.grid.starts, self.grid.ends, tol)
-
-    def solve_pixels(self, v: np.ndarray, pixels: np.ndarray, tol: float) -> int:
-        """The same for the policies of these pixels alone, the values of all others being given.
-
-        `up` and `down` have to be 0 at the others, so that no chain goes on to them.
-        """
-        return self._solve_runs(v, pixels, pixels + np.int32(1), tol)
-
-    def _solve_runs(self, v: np.ndarray, starts: np.ndarray, ends: np.ndarray, tol: float) -> int:
         unknowns = 0
         state = np.array([0, _BEGIN])
         # A cycle is solved outside the kernel: a kernel that contains another is compiled with all of it once more.
         while follow_chains(
-            v, starts, ends, self.up, self.down, self._factors, self._screening, self._owner, self._path, state
-        ):
-            unknowns += solve_cycle(
-                v, int(self._path[state[_HEIGHT] - 1]), self.up, self.down, self._factors, self._screening, tol,
-                self._owner, self._chains,
-            )  # fmt: skip
+            v, self.grid.starts, self.grid.ends, self.up, self.down, self._factors, self._screening, self._owner,
+            self._path, state,
+        ):  # fmt: skip
+            unknowns += self.solve_cycle(v, state, tol)
         return unknowns
+
+    def solve_cycle(self, v: np.ndarray, state: np.ndarray, tol: float) -> int:
+        """Solve the cycle that `follow_chains` has stopped at."""
+        return solve_cycle(
+            v, int(self._path[state[_HEIGHT] - 1]), self.up, self.down, self._factors, self._screening, tol,
+            self._owner, self._chains,
+        )  # fmt: skip
+
+    @property
+    def scratch(self) -> tuple[np.ndarray, ...]:
+        """What `follow_chains` works on: policies up and down, the factors of chains, and two arrays of scratch."""
+        return self.up, self.down, self._factors, self._owner, self._path
 
 
 @kernel

@@ -88,21 +88,38 @@ class SolvedShape:
             RuntimeError: a field could not be solved.
         """
         found = None if self._field is None else self._locally(self._place[pixels], keep)
-        if keep or found is None:
-            after = self.mask if keep else self.mask.copy()
-            after.reshape(-1)[pixels] ^= True
-        if found is None and not keep:
-            box = bounding_box(after)
-            return _complete(after[box], self._rho, self._measure, self._check)[0]
-        if keep and found is None:
+        if found is not None and not keep:
+            return found
+        after = self.mask if keep else self.mask.copy()
+        after.reshape(-1)[pixels] ^= True
+        if found is not None:
+            return found
+        if keep:
             self._solve()
-        elif keep:
-            self.levels = found
-        return found or self.levels
+            return self.levels
+        return self._of_solve(self._whole(after[bounding_box(after)]))
 
     def _solve(self) -> None:
         """Solve the whole of the shape as it is."""
-        self.levels, solved = _complete(self.mask, self._rho, self._measure, self._check)
+        self._adopt(self._whole(self.mask))
+
+    def _whole(self, mask: NDArray[np.bool_]) -> Any:
+        """A solve of the whole of a mask; None for an empty one."""
+        self._check()
+        return solve_shape(mask, self._rho, self._measure.tol, self._check) if mask.any() else None
+
+    def _of_solve(self, solved: Any) -> SolvedLevels:
+        """The levels of a solve."""
+        if solved is None:
+            return SolvedLevels(np.zeros(0), np.zeros(0), 0.0, False)
+        if solved.status != Status.CONVERGED:
+            ended = (torch.tensor([x]) for x in (int(solved.status), solved.bound, solved.sweeps()))
+            raise_failures(*ended, self._measure.tol, ())
+        return SolvedLevels(*refined_estimates(solved, self._measure), solved.bound, False)
+
+    def _adopt(self, solved: Any) -> None:
+        """Take over a solve of the shape as it is, and count the histograms if they are few enough."""
+        self.levels = self._of_solve(solved)
         if solved is not None and self._measure.tol_bits == 0 and solved.bound > CLOSE:
             solved.refine(CLOSE)
         self._field = None if solved is None else solve_locally(solved, self._rho, self._measure.tol)
@@ -118,31 +135,38 @@ class SolvedShape:
         on_levels = np.where(number > 0, field.v, 0)
         self._summit = int(on_levels.argmax())
         self._peak = float(on_levels[self._summit])
-        error = min(field.tol + 2 * ROUNDING * self._peak, 0.5)
-        self._factor = (1 + error) / (1 - error) * (1 + ROUNDING)
+        error = field.tol + 2 * ROUNDING * self._peak
+        # (1 + e) / (1 - e) is less than 1 + 4 e up to there.
+        self._error = 4 * error if error < 0.25 else np.inf
         self._cell, self._doubtful = np.full(size, -1, np.int32), np.zeros(size, np.uint8)
         self._tally, self._sizes = np.zeros(radius * measure.bins, np.int32), np.zeros(radius + 1, np.int64)
         self._touched = np.zeros(radius + 1, np.uint8)
-        self._trail, self._old = (np.empty((3 + 2 * len(self._faces)) * size, np.int32) for _ in range(2))
+        self._trail, self._old = np.empty((2, (3 + 2 * len(self._faces)) * size), np.int32)
         self._put(np.flatnonzero(number).astype(np.int32), 0)
         self._touched[:] = 0
 
     def _locally(self, places: NDArray[np.int32], keep: bool) -> SolvedLevels | None:
-        """The levels after a flip, or None, and nothing changed, if the whole has to be solved."""
+        """The levels after a flip, from the field of the shape; None, and nothing changed, where that does not do."""
         change = self._field.apply(places, self._check)
-        found = None
+        found = whole = None
+        moved = False
         if change.solved and change.radius > 0:
-            counted = self._counted and change.radius == len(self.levels.values)
-            found = self._moved(change.moved, change.shifted, change.bound, keep) if counted else None
-            counted = found is not None
-            if not counted:
-                found = self._counted_anew(change.radius, change.bound)
+            if self._counted and change.radius == len(self.levels.values):
+                found = self._moved(change.moved, change.shifted, change.bound, keep)
+                moved = found is not None
+            found = found or self._counted_anew(change.radius, change.bound)
+        elif change.radius == self._field.radius:
+            whole = self._field.whole(self._measure.tol, self._check)
+            found = self._of_solve(whole)
         if found is None or not keep:
             self._field.undo()
+            return found
+        if whole is not None:
+            self._adopt(whole)
         else:
             self._field.keep()
-            if not counted:
-                self.levels = found
+            self.levels = found
+            if not moved:
                 self._count()
         return found
 
@@ -172,7 +196,7 @@ class SolvedShape:
         around = np.zeros(1, np.int64) if faces is None else np.concatenate([[0], faces])
         return local_histograms.place(  # type: ignore[no-any-return]
             pixels, around, self._field.v, self._field.distance, self._faces, self._peak, self._measure.bins,
-            EDGE_SLACK, self._factor, self._cell, self._doubtful, self._tally, self._sizes, self._touched, self._trail,
+            EDGE_SLACK, self._error, self._cell, self._doubtful, self._tally, self._sizes, self._touched, self._trail,
             self._old, count,
         )  # fmt: skip
 
@@ -196,19 +220,6 @@ class SolvedShape:
         """The level of each pixel, 0 for none."""
         distance: NDArray[np.int32] = self._field.distance
         return rim_of(distance, self._strides) if self._measure.levels == "rim" else distance
-
-
-def _complete(
-    mask: NDArray[np.bool_], rho: float | None, measure: Measure, check: Callable[[], None]
-) -> tuple[SolvedLevels, Any]:
-    """The levels of a mask by a solve of the whole, and that solve; None for an empty mask."""
-    check()
-    if not mask.any():
-        return SolvedLevels(np.zeros(0), np.zeros(0), 0.0, False), None
-    solved = solve_shape(mask, rho, measure.tol, check)
-    if solved.status != Status.CONVERGED:
-        raise_failures(*(torch.tensor([x]) for x in (int(solved.status), solved.bound, solved.sweeps())), measure.tol, ())
-    return SolvedLevels(*refined_estimates(solved, measure), solved.bound, False), solved
 
 
 def complexities_after_flips(
