@@ -61,7 +61,14 @@ class Candidates:
         return np.sort(self.pixels[self.begin[number] : self.begin[number + 1]]).astype(np.int64)
 
 
-def candidates(probability: Tensor, threshold: float, max_flips: int) -> Candidates:
+    def chosen(self, keep: NDArray[np.bool_]) -> "Candidates":
+        """Some of the regions."""
+        size = np.diff(self.begin)
+        begin = np.concatenate([[0], np.cumsum(size[keep])])
+        return Candidates(self.pixels[np.repeat(keep, size)], begin, self.owner[keep], self.code[keep])
+
+
+def candidates(probability: Tensor, threshold: float, max_flips: int, inside: Tensor | None = None) -> Candidates:
     """Regions of each shape {probability > threshold} that `select` may choose from.
 
     What can never be chosen is left out before it is made: regions of more than half of the shape, and those of a size
@@ -73,6 +80,8 @@ def candidates(probability: Tensor, threshold: float, max_flips: int) -> Candida
         probability: (N, *spatial) in [0, 1], on the CPU.
         threshold: the shape is where the probability is greater; in (0, 1).
         max_flips: how many regions of a shape will be chosen.
+        inside: like `probability`, bool, other shapes whose regions are looked for, of which the probability tells
+            where they are in doubt.
 
     Returns:
         The regions. One may come several times.
@@ -82,12 +91,14 @@ def candidates(probability: Tensor, threshold: float, max_flips: int) -> Candida
         >>> sorted({tuple(region.tolist()) for region in found.of(0)})
         [(0,), (2,), (3,), (4,)]
     """
+    inside = probability > threshold if inside is None else inside
     count, size = len(probability), probability[0].numel()
     step = max(1, min(ceil(count / torch.get_num_threads()), CHUNK // size))
     parts: list[tuple[NDArray[Any], ...]] = [()] * ceil(count / step)
 
     def gather(i: int, check: Callable[[], None]) -> None:
-        parts[i] = _regions_of(probability[i * step : (i + 1) * step], threshold, max_flips, check)
+        some = slice(i * step, (i + 1) * step)
+        parts[i] = _regions_of(probability[some], inside[some], threshold, max_flips, check)
 
     for_each(gather, len(parts))
     pixels, begins, owners, codes = zip(*parts, strict=True)
@@ -183,10 +194,9 @@ def complexities(masks: Iterator[Tensor], like: Tensor, measure: Measure) -> Ten
 
 
 def _regions_of(
-    probability: Tensor, threshold: float, max_flips: int, check: Callable[[], None]
+    probability: Tensor, inside: Tensor, threshold: float, max_flips: int, check: Callable[[], None]
 ) -> tuple[NDArray[Any], ...]:
     """Pixels, begin, owner and code of the candidates of some shapes."""
-    inside = probability > threshold
     ndim, mask = inside.ndim - 1, inside.numpy()
     limit = inside.flatten(1).count_nonzero(dim=1).numpy() // 2
     regions = RegionList(tuple(inside.shape[1:]), limit, BUDGET * inside[0].numel(), max_flips)
@@ -201,7 +211,8 @@ def _regions_of(
             one[:] = marked
         regions.gather(maps, np.tile(around, (len(marks), 1)) if offsets is None else offsets, offsets is None)
 
-    gather([((probability > level_at_odds(threshold, level)) ^ inside).numpy() for level in DOUBT])
+    low, high = (probability > level_at_odds(threshold, level) for level in DOUBT)
+    gather([(low & ~inside).numpy(), (inside & ~high).numpy()])
     rows, along = [], []
     for axis in range(ndim):
         beside = [_neighbour(inside, axis + 1, direction) for direction in (1, -1)]
