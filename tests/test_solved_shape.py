@@ -108,7 +108,11 @@ def test_a_large_flip_and_one_that_leaves_nothing() -> None:
     shape = SolvedShape(mask, Measure())
     everything = np.flatnonzero(mask)
     assert shape.after(everything).values.size == 0
-    assert_levels(shape.after(np.flatnonzero(np.eye(40, 52, dtype=bool) & mask)), flipped(mask, np.flatnonzero(np.eye(40, 52, dtype=bool) & mask)), {})
+    assert_levels(
+        shape.after(np.flatnonzero(np.eye(40, 52, dtype=bool) & mask)),
+        flipped(mask, np.flatnonzero(np.eye(40, 52, dtype=bool) & mask)),
+        {},
+    )
     assert shape.after(everything, keep=True).values.size == 0
     assert not shape.mask.any()
     assert_levels(shape.after(everything, keep=True), mask, {})

@@ -100,7 +100,8 @@ class LocalSolve:
 
     def keep(self) -> None:
         """Make the last flip, which must have been solved, a part of the shape."""
-        assert self._last is not None and self._last.solved
+        assert self._last is not None
+        assert self._last.solved
         self._end(False)
         self.radius, self.bound = self._last.radius, self._last.bound
 

@@ -12,8 +12,7 @@ _UNKNOWN = 2**30  # more than any distance
 def flip(distance, removed, filled, block, counts, trail, old):  # type: ignore[no-untyped-def]
     """Set the distance after inside pixels were removed and outside ones filled.
 
-    Returns the length of the trail and the new radius. `counts` is the number of pixels of each distance, and is kept up
-    to date.
+    Returns the length of the trail and the new radius. `counts`, the number of pixels of each distance, is kept right.
     """
     count = _remove(distance, removed, block, counts, trail, old)
     count = _fill(distance, filled, block, counts, trail, old, count)
@@ -93,10 +92,10 @@ def _fill(distance, pixels, block, counts, trail, old, count):  # type: ignore[n
 
 @kernel
 def _is_held(distance, x, block, before):  # type: ignore[no-untyped-def]
-    for offset in block:
-        if distance[x + offset] == before:
-            return True
-    return False
+    k = 0
+    while k < block.size and distance[x + block[k]] != before:
+        k += 1
+    return k < block.size
 
 
 @kernel

@@ -30,15 +30,11 @@ def place(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Put pixels, and those `around` them, into their cells; returns the largest field there and the trail's length.
 
-    Args:
-        pixels: flat indices; `around` are offsets, among them 0.
-        field: v, flat and padded; `distance` as well.
-        faces: offsets to the neighbours through faces for levels that are rims, else none.
-        peak: what values are divided by.
-        error: relative error of a value divided by `peak`; a pixel is in doubt if another bin is as near.
-        cell: of each pixel, -1 for none; `doubtful` is 1 where it is in doubt.
-        tally: number of pixels of each cell; `sizes` that of each level, from 1; `touched` is set where one changed.
-        trail: pixels that moved; `old` is 2 cell + doubtful before.
+    `around` are offsets, among them 0. `faces` are the offsets to the neighbours through faces if levels are rims, else
+    there are none. Values of the field are divided by `peak`, and known to the relative `error` then: a pixel is
+    `doubtful` if another bin is as near. `tally` is the number of pixels of each cell, `sizes` that of each level, from
+    1, and at 0 that of the doubtful ones; `touched` is set where a level changed. `trail` is to hold the pixels that
+    moved, and `old` 2 cell + doubtful before.
     """
     largest = 0.0
     for x0 in pixels:
@@ -51,9 +47,10 @@ def place(  # type: ignore[no-untyped-def]
                 value = field[x]
                 largest = max(largest, value)
                 place = value / peak * bins + slack
-                bin = np.int64(place)
-                doubt = np.int64(place - bin < place * error or bin + 1 - place < place * error) if bin < bins else 0
-                now = (level - 1) * bins + min(bin, bins - 1)
+                lower = np.int64(place)
+                if lower < bins:
+                    doubt = np.int64(place - lower < place * error or lower + 1 - place < place * error)
+                now = (level - 1) * bins + min(lower, bins - 1)
             before = np.int64(cell[x])
             if now == before and doubt == doubtful[x]:
                 continue

@@ -83,8 +83,10 @@ class RegionList:
         self._count += 1
 
     def found(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Pixels region by region, flat on the array itself; where each region begins, and the last one ends; the shape
-        that each is of; and a code of 64 bits, which is the same for the same pixels.
+        """The regions: pixels, begin, owner and code.
+
+        Pixels region by region, flat on the array itself; where each region begins, and the last one ends; the shape
+        that each is of; and 64 bits that are the same for the same pixels, and else different as good as always.
         """
         count = self._count
         begin = self._begin[: count + 1].copy()

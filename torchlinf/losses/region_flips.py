@@ -60,7 +60,6 @@ class Candidates:
         """The pixels of a region, ascending."""
         return np.sort(self.pixels[self.begin[number] : self.begin[number + 1]]).astype(np.int64)
 
-
     def chosen(self, keep: NDArray[np.bool_]) -> "Candidates":
         """Some of the regions."""
         size = np.diff(self.begin)
@@ -222,7 +221,9 @@ def _regions_of(
     gather(rows, np.array(along))
     # Boxes that are longer than the array all act like one of its own length (closing) or leave nothing (opening).
     longest = [size + 1 for size in inside.shape[1:]]
-    lengths = [_run_lengths(x, axis, open) for axis in range(1, ndim + 1) for x, open in ((mask, False), (~mask, True))]
+    lengths = [
+        _run_lengths(x, axis, endless) for axis in range(1, ndim + 1) for x, endless in ((mask, False), (~mask, True))
+    ]
     for sides in dict.fromkeys(tuple(min(side, most) for most in longest) for side in SIDES):
         if ndim > 1:
             gather([(inside & ~opened(inside, sides)).numpy(), (closed(inside, sides) & ~inside).numpy()])
@@ -230,23 +231,23 @@ def _regions_of(
     return regions.found()
 
 
-def _run_lengths(marked: NDArray[np.bool_], axis: int, open: bool) -> NDArray[np.integer]:
+def _run_lengths(marked: NDArray[np.bool_], axis: int, endless: bool) -> NDArray[np.integer]:
     """The length of the run of marked pixels along an axis that each is in; very long elsewhere.
 
-    So is, if the ends are `open`, a run that reaches the end of the array.
+    So is, if the array is `endless`, a run that reaches its end.
 
     Example:
         >>> _run_lengths(np.array([[True, True, False, True]]), 1, False)
         array([[   2,    2, 9999,    1]], dtype=int16)
     """
-    size, endless = marked.shape[axis], 9999  # longer than all sides
-    dtype = np.int16 if size < endless else np.int32
+    size, longest = marked.shape[axis], 9999  # longer than all sides
+    dtype = np.int16 if size < longest else np.int32
     place = np.arange(1, size + 1, dtype=dtype).reshape(-1, *[1] * (marked.ndim - axis - 1))
-    ends = np.array([-endless, size + endless] if open else [0, size + 1], dtype)
+    ends = np.array([-longest, size + longest] if endless else [0, size + 1], dtype)
     before = np.maximum.accumulate(np.where(marked, ends[0], place), axis=axis)
     after = np.minimum.accumulate(np.flip(np.where(marked, ends[1], place), axis), axis=axis)
-    lengths = np.minimum(np.flip(after, axis) - before - dtype(1), dtype(endless))
-    return np.where(marked, lengths, dtype(endless))
+    lengths = np.minimum(np.flip(after, axis) - before - dtype(1), dtype(longest))
+    return np.where(marked, lengths, dtype(longest))
 
 
 def level_at_odds(threshold: float, level: float) -> float:

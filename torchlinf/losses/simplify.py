@@ -1,13 +1,13 @@
 """The simplest shape that is close to a prediction: one proximal step of the complexity, by region flips.
 
-Flips that pay, the gain in complexity less the price in log-odds, are made one after another, the best first, until none
-does. Which regions are tried is in `region_flips`.
+Flips that pay, the gain in complexity less the price in log-odds, are made one after another, the best first, until
+none does. Which regions are tried is in `region_flips`.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 import torch
@@ -73,9 +73,9 @@ def simplify(
     """Make predicted shapes simpler where the prediction leaves a doubt.
 
     It looks for the shape S* that minimises C(S*) + weight * sum of |z| over the pixels that are changed / area of the
-    shape. C is the complexity and z the log-odds of a pixel against the threshold. From the thresholded prediction on, the
-    region flip that lowers this most is made, as long as one does: regions are those of `torchlinf.losses`, and each
-    difference of complexity is exact. What is found is a local minimum, not the least.
+    shape. C is the complexity and z the log-odds of a pixel against the threshold. From the thresholded prediction on,
+    the region flip that lowers this most is made, as long as one does: regions are those of `ShapeComplexityLoss`, and
+    each difference of complexity is exact. What is found is a local minimum, not the least.
 
     A network's logits need no training for it. A `weight` that is too small changes what the network is sure of.
 
@@ -83,8 +83,8 @@ def simplify(
         prediction: (B, C, *spatial) with 1 to 4 spatial dimensions, each (b, c) one shape: probabilities in [0, 1], for
             example `torch.sigmoid(logits)`; or a mask, bool or integers of 0 and 1, where each pixel that is changed
             costs 1. Log-odds count up to 16.
-        weight: price of log-odds against bits, 0 or more. On held-out predictions of floor plans 10 was good, on windows
-            of facades 3.
+        weight: price of log-odds against bits, 0 or more. On held-out predictions of floor plans 10 was good, on
+            windows of facades 3.
         threshold: a pixel is inside if its probability is greater; in (0, 1).
         max_flips: how many flips a shape (object) may have.
         max_change: share of the area of a shape (object) that may be changed, in (0, 1]. No single flip is of more than
@@ -100,8 +100,8 @@ def simplify(
 
     Returns:
         A `Simplification` on the device of the prediction; the work is done on the CPU. An empty shape stays as it is,
-        with NaN values; a box stays as it is. Deterministic, and what else is in the batch does not matter. Mirror images
-        become mirror images: of regions that are equal in all but their place all are flipped or none. Not
+        with NaN values; a box stays as it is. Deterministic, and what else is in the batch does not matter. Mirror
+        images become mirror images: of regions that are equal in all but their place all are flipped or none. Not
         differentiable.
 
     Raises:
@@ -147,22 +147,20 @@ def simplify(
 
     def descend(i: int, check: Callable[[], None]) -> None:
         job = jobs[i]
-        place = (job.shape, *job.box)
-        results[i] = _Descent(probability[place], price[place], job.mask, job.allowed, rule, check)
+        results[i] = _Descent(probability[job.place], price[job.place], job.mask, job.allowed, rule, check)
 
     for_each(descend, len(jobs))
     mask, number = inside.copy(), np.zeros(inside.shape, np.int64)
     flips, cost = np.zeros(len(inside), np.int64), np.zeros(len(inside))
     for job, result in zip(jobs, results, strict=True):
-        place = (job.shape, *job.box)
+        place = job.place
         mask[place] ^= result.mask ^ job.mask
         number[place] += np.where(result.number > 0, result.number + flips[job.shape], 0)
         flips[job.shape] += result.num_flips
         cost[job.shape] += result.cost
-    before, after = (
-        _mean_over([levels(result) for result in results], [job.shape for job in jobs], len(inside), measure)
-        for levels in (lambda result: result.before, lambda result: result.solved.levels.values)
-    )
+    owner = [job.shape for job in jobs]
+    before = _mean_over([result.before for result in results], owner, len(inside), measure)
+    after = _mean_over([result.solved.levels.values for result in results], owner, len(inside), measure)
     shape, device = prediction.shape, prediction.device
     return Simplification(
         mask=torch.from_numpy(mask).reshape(shape).to(device),
@@ -193,6 +191,11 @@ class _Job:
     box: tuple[slice, ...]
     mask: NDArray[np.bool_]
     allowed: NDArray[np.bool_]
+
+    @property
+    def place(self) -> Any:
+        """Its place in a batch of shapes."""
+        return (self.shape, *self.box)
 
 
 @dataclass(eq=False)
@@ -256,7 +259,7 @@ class _Descent:
         return select(inside, proposed.chosen(pays & fits & lies_right), TRIES)[0]
 
     def _cost_of(self, price: NDArray[np.int64]) -> NDArray[np.float64]:
-        return self._rule.weight * price / (STEPS * self._area)
+        return (price * (self._rule.weight / (STEPS * self._area))).astype(np.float64)
 
     def _tried(self, pixels: Region) -> _Flip:
         """A region and what its flip would add to the objective, inf where it is not allowed."""
@@ -272,8 +275,9 @@ class _Descent:
         return _Flip(pixels, self._mean(values) - self._value + float(self._cost_of(price)))
 
     def _make_flips(self, regions: list[Region]) -> bool:
-        """Flip the best, until none pays; whether any did. What another flip changed is only tried again when its turn
-        comes: the others keep what was found for them.
+        """Flip the best, until none pays; whether any did.
+
+        After a flip the others keep what was found for them, until it is their turn: then they are tried again.
         """
         flips = [flip for region in regions if (flip := self._tried(region)).change < -EQUAL]
         any_made = False
@@ -396,9 +400,7 @@ def _grown(box: tuple[slice, ...], shape: tuple[int, ...]) -> tuple[slice, ...]:
     )
 
 
-def _mean_over(
-    levels: list[NDArray[np.float64]], owner: list[int], num_shapes: int, measure: Measure
-) -> Tensor:
+def _mean_over(levels: list[NDArray[np.float64]], owner: list[int], num_shapes: int, measure: Measure) -> Tensor:
     """The mean complexity of what belongs to each shape, NaN for none."""
     radius = torch.tensor([len(values) for values in levels], dtype=torch.int64, device="cpu")
     flat = torch.from_numpy(np.concatenate([np.zeros(0), *levels]))

@@ -191,7 +191,7 @@ def rim_of(distance: NDArray[np.int32], strides: NDArray[np.int64]) -> NDArray[n
 def estimates(
     v: NDArray[np.float64], number: NDArray[np.int32], radius: int, bound: float, measure: Measure
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Values and bounds of the levels 1..radius; `number` is that of each pixel's level or 0, flat and padded like v."""
+    """Values and bounds of the levels 1..radius; `number` is each pixel's level or 0, flat and padded like v."""
     from torchlinf.kernels import histograms
 
     # The ring of outside pixels is on no level, so field and distance can stay padded.

@@ -113,8 +113,8 @@ class SolvedShape:
         if solved is None:
             return SolvedLevels(np.zeros(0), np.zeros(0), 0.0, False)
         if solved.status != Status.CONVERGED:
-            ended = (torch.tensor([x]) for x in (int(solved.status), solved.bound, solved.sweeps()))
-            raise_failures(*ended, self._measure.tol, ())
+            status, bound, sweeps = (torch.tensor([x]) for x in (int(solved.status), solved.bound, solved.sweeps()))
+            raise_failures(status, bound, sweeps, self._measure.tol, ())
         return SolvedLevels(*refined_estimates(solved, self._measure), solved.bound, False)
 
     def _adopt(self, solved: Any) -> None:
@@ -122,7 +122,7 @@ class SolvedShape:
         self.levels = self._of_solve(solved)
         if solved is not None and self._measure.tol_bits == 0 and solved.bound > CLOSE:
             solved.refine(CLOSE)
-        self._field = None if solved is None else solve_locally(solved, self._rho, self._measure.tol)
+        self._field: Any = None if solved is None else solve_locally(solved, self._rho, self._measure.tol)
         self._count()
 
     def _count(self) -> None:
@@ -194,11 +194,12 @@ class SolvedShape:
         from torchlinf.kernels import local_histograms
 
         around = np.zeros(1, np.int64) if faces is None else np.concatenate([[0], faces])
-        return local_histograms.place(  # type: ignore[no-any-return]
+        placed: tuple[float, int] = local_histograms.place(
             pixels, around, self._field.v, self._field.distance, self._faces, self._peak, self._measure.bins,
             EDGE_SLACK, self._error, self._cell, self._doubtful, self._tally, self._sizes, self._touched, self._trail,
             self._old, count,
         )  # fmt: skip
+        return placed
 
     def _same_peak(self, highest: float) -> bool:
         """Whether the largest field on the levels is what it was, up to rounding."""
