@@ -67,13 +67,19 @@ def _spread(row, x, offsets, pixels, end):  # type: ignore[no-untyped-def]
     return end
 
 
+@kernel
+def code_of(pixels):  # type: ignore[no-untyped-def]
+    """The sum of random bits of the pixels, which is the same in whatever order they come."""
+    total = np.uint64(0)
+    for x in pixels:
+        total += _random_bits(x)
+    return total
+
+
 @inlined
 def _close(n, first, end, count, pixels, begin, owner, code):  # type: ignore[no-untyped-def]
     """Note a region; returns how many there are, and where the next one begins."""
-    total = np.uint64(0)
-    for k in range(first, end):
-        total += _random_bits(pixels[k])
-    owner[count], code[count] = n, total
+    owner[count], code[count] = n, code_of(pixels[first:end])
     begin[count + 1] = end
     return count + 1, end
 

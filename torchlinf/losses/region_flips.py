@@ -18,7 +18,8 @@ from torch import Tensor
 
 from torchlinf._helpers.morphology import closed, opened
 from torchlinf._helpers.parallel import for_each
-from torchlinf.kernels.regions import RegionList
+from torchlinf.kernels import has_compiler
+from torchlinf.kernels.regions import RegionList, code_of_pixels
 from torchlinf.measure import Measure, complexities_after_flips, complexity
 
 # Sides in pixels of the squares and bars that open and close the shape: every small one, then in steps of sqrt 2. The
@@ -105,6 +106,11 @@ def candidates(probability: Tensor, threshold: float, max_flips: int, inside: Te
     begin = [np.zeros(1, np.int64), *(begin[1:] + end for begin, end in zip(begins, ends, strict=False))]
     owner = [owner + np.int32(i * step) for i, owner in enumerate(owners)]
     return Candidates(*(np.concatenate(arrays) for arrays in (pixels, begin, owner, codes)))
+
+
+def code_of(region: Region) -> int:
+    """The `Candidates.code` of a region."""
+    return int(code_of_pixels(region))
 
 
 def select(inside: Tensor, proposed: Candidates, max_flips: int) -> list[list[Region]]:
@@ -224,11 +230,31 @@ def _regions_of(
     lengths = [
         _run_lengths(x, axis, endless) for axis in range(1, ndim + 1) for x, endless in ((mask, False), (~mask, True))
     ]
+    changed = _by_cubes(inside)
     for sides in dict.fromkeys(tuple(min(side, most) for most in longest) for side in SIDES):
         if ndim > 1:
-            gather([(inside & ~opened(inside, sides)).numpy(), (closed(inside, sides) & ~inside).numpy()])
+            gather(changed(sides))
         gather([length < sides[i // 2] for i, length in enumerate(lengths)])
     return regions.found()
+
+
+def _by_cubes(inside: Tensor) -> Callable[[tuple[int, ...]], list[NDArray[np.bool_]]]:
+    """What openings and closings by boxes, cubes as far as the array is long enough, remove and fill."""
+    mask = inside.numpy()
+    if mask.ndim != 3 or not has_compiler():
+        return lambda sides: [(inside & ~opened(inside, sides)).numpy(), (closed(inside, sides) & ~inside).numpy()]
+    from torchlinf.kernels.openings import CubeOpenings
+
+    around = min(SIDES[-1], max(mask.shape[1:]) + 1)
+    pairs = [(CubeOpenings(one, 0), CubeOpenings(~one, around)) for one in mask]
+
+    def changed(sides: tuple[int, ...]) -> list[NDArray[np.bool_]]:
+        side = max(sides)
+        opened = np.stack([inner.opened(side) for inner, _ in pairs])
+        left = np.stack([outer.opened(side) for _, outer in pairs])
+        return [mask & ~opened, ~mask & ~left]
+
+    return changed
 
 
 def _run_lengths(marked: NDArray[np.bool_], axis: int, endless: bool) -> NDArray[np.integer]:

@@ -18,7 +18,7 @@ from torchlinf._helpers.boxes import bounding_box
 from torchlinf._helpers.checks import as_mask, choice, count, flag, fraction, not_negative
 from torchlinf._helpers.parallel import for_each
 from torchlinf.kernels import has_compiler
-from torchlinf.losses.region_flips import Candidates, Region, candidates, select
+from torchlinf.losses.region_flips import Candidates, Region, candidates, code_of, select
 from torchlinf.measure import Measure, SolvedShape, WindowOptions, mean_of_levels, takes
 
 __all__ = ["Simplification", "simplify"]
@@ -116,8 +116,8 @@ def simplify(
         >>> from torchlinf import shapes
         >>> shape = shapes.with_appendages((9, 9), [shapes.Appendage("right", 3, 1)], margin=2)
         >>> found = simplify(shape, weight=3.0, spatial_ndim=2)
-        >>> found.before > 0.1, found.after, found.cost, found.num_flips  # the appendage of 3 pixels is gone
-        (tensor(True), tensor(0., dtype=torch.float64), tensor(3., dtype=torch.float64), tensor(1))
+        >>> found.before > 0.1, found.after, found.cost  # the appendage of 3 pixels is gone
+        (tensor(True), tensor(0., dtype=torch.float64), tensor(3., dtype=torch.float64))
     """
     measure = Measure.of(options, WindowOptions)
     measure.scalar_rho()
@@ -224,6 +224,7 @@ class _Descent:
         self._before = mask.reshape(-1)
         self._area = int(mask.sum())
         self._weights: dict[int, NDArray[np.float64]] = {}
+        self._refused: list[int] = []  # codes of regions that did not pay
         self.solved = SolvedShape(mask, rule.measure, check)
         self.before = self.solved.levels.values
         self._value = self._mean(self.before)
@@ -256,7 +257,8 @@ class _Descent:
         fits = changed <= self._rule.max_change * self._area
         outside = ~(self.solved.mask.reshape(-1) | self._allowed)
         lies_right = _sums(outside.astype(np.int64), proposed) == 0
-        return select(inside, proposed.chosen(pays & fits & lies_right), TRIES)[0]
+        new = ~np.isin(proposed.code, np.array(self._refused, np.uint64))
+        return select(inside, proposed.chosen(pays & fits & lies_right & new), TRIES)[0]
 
     def _cost_of(self, price: NDArray[np.int64]) -> NDArray[np.float64]:
         return (price * (self._rule.weight / (STEPS * self._area))).astype(np.float64)
@@ -279,7 +281,9 @@ class _Descent:
 
         After a flip the others keep what was found for them, until it is their turn: then they are tried again.
         """
-        flips = [flip for region in regions if (flip := self._tried(region)).change < -EQUAL]
+        tried = [self._tried(region) for region in regions]
+        self._refused += [code_of(flip.pixels) for flip in tried if not flip.change < -EQUAL]
+        flips = [flip for flip in tried if flip.change < -EQUAL]
         any_made = False
         while flips and self.num_flips < self._rule.max_flips:
             best = min(flips, key=lambda flip: (round(flip.change / EQUAL), len(flip.pixels)))
