@@ -158,3 +158,23 @@ def test_second_derivatives_and_vmap_say_that_they_are_not_there() -> None:
         torch.func.vmap(lambda rho: torchlinf.linf_field(torch.ones(1, 1, 4, 5), rho=rho))(torch.ones(2))
     with pytest.raises(NotImplementedError, match="stack the shapes"):
         torch.func.vmap(adjoint.attach_gradient)(weight[None], weight[None], weight[None, :, 0, 0])
+
+
+RHO = {
+    "linf_field": lambda rho: torchlinf.linf_field(torch.ones(1, 1, 4, 5), rho=rho),
+    "solve_field": lambda rho: torchlinf.solve_field(torch.ones(1, 1, 4, 5), rho=rho).value,
+    "complexity": lambda rho: torchlinf.complexity(torch.ones(1, 1, 4, 5), rho=rho),
+    "complexity_profile": lambda rho: torchlinf.complexity_profile(torch.ones(1, 1, 4, 5), rho=rho).mean(),
+    "complexity_map": lambda rho: torchlinf.complexity_map(torch.ones(1, 1, 4, 5), rho=rho),
+    "soft_linf_field": lambda rho: torchlinf.soft_linf_field(torch.ones(1, 1, 4, 5), rho=rho),
+    "soft_complexity": lambda rho: torchlinf.soft_complexity(torch.ones(1, 1, 4, 5), rho=rho),
+}
+
+
+@pytest.mark.parametrize("name", RHO)
+def test_transforms_of_torch_func_over_rho_are_refused_by_name(name: str) -> None:
+    rho = torch.tensor(3.0, dtype=torch.float64)
+    with pytest.raises(NotImplementedError, match=r"rho must be a tensor with data; .*torch\.autograd\.grad"):
+        torch.func.grad(lambda rho: RHO[name](rho).sum())(rho)
+    with pytest.raises(NotImplementedError, match="rho must be a tensor with data"):
+        torch.func.vmap(RHO[name])(rho[None])

@@ -46,14 +46,13 @@ def bombs(folder: Path) -> dict[str, str]:
     (folder / "tiff.tif").write_bytes(forged)
     return {
         "png.png": "limit of",
-        "pillow.png": "decompression bomb",
+        "pillow.png": "900000 x 900000",
         "npy.npy": "1048576 x 1048576",
         "npz.npz": "9000 x 9000",
         "tiff.tif": "6000 x 20000",
     }
 
 
-@pytest.mark.filterwarnings("ignore::PIL.Image.DecompressionBombWarning")
 def test_bombs_are_refused_by_their_header(tmp_path: Path) -> None:
     expected = bombs(tmp_path)
     tracemalloc.start()

@@ -205,6 +205,9 @@ def test_scale_k_over_d_belongs_to_level_k_whatever_its_rounding(radius: int) ->
     in_float64 = complexity_profile(disc, scales=[k / size for k in range(1, size + 1)], spatial_ndim=2)
     in_float32 = complexity_profile(disc, scales=torch.arange(1, size + 1) / size, spatial_ndim=2)
     assert in_float64.values.tolist() == in_float32.values.tolist() == levels
+    for short in ("<f4", ">f4", "<f2", ">f2", ">f8"):
+        rounded = (np.arange(1, size + 1) / size).astype(short)
+        assert complexity_profile(disc, scales=rounded, spatial_ndim=2).values.tolist() == levels
     assert profile.values.tolist() == [levels[math.ceil(Fraction(i, 100) * size) - 1] for i in range(1, 101)]
     just_above = complexity_profile(disc, scales=[k / size + 1e-6 for k in range(1, size)], spatial_ndim=2)
     assert just_above.values.tolist() == levels[1:]

@@ -79,7 +79,7 @@ def test_parts_partition_the_shape_and_lower_the_objective(
             count = int(found.num_parts[b, c])
             assert found.label_map[b, c].unique().tolist()[-count:] == list(range(1, count + 1))
             # Measured again by other code, from the label map alone.
-            table = complexity_table(found.label_map[b, c])
+            table = complexity_table(found.label_map[b, c], spatial_ndim=found.label_map.ndim - 2)
             areas = np.bincount(found.label_map[b, c].numpy().ravel())[1:]
             assert (np.diff(areas) <= 0).all()
             weight = np.ones(count) if objective == "sum" else areas / areas.sum()

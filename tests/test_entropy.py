@@ -211,3 +211,21 @@ def test_unusable_options_are_named(estimator: str, bins: int, error: type[Excep
 
 def test_the_table_of_estimators_is_the_public_one() -> None:
     assert tuple(ESTIMATORS) == measure_options.ESTIMATORS
+
+
+@pytest.mark.parametrize(("dtype", "near", "far"), [(torch.float32, 0.7e-6, 1.9e-6), (torch.float64, 1.0e-15, 5.0e-15)])
+def test_the_rounding_of_a_field_is_that_of_its_dtype(dtype: torch.dtype, near: float, far: float) -> None:
+    """A residual is known to 4 eps max f: so that is how far the field is in doubt, to either side, and a value twice.
+
+    With two bins the edge lies at (1 - 1e-6) / 2. A value above it by a share of less than (1 + e) / (1 - e) - 1, e = 4
+    eps, may lie in the lower bin, and then the two values of the level differ. 4 more eps are the rounding of that.
+    """
+    edge, eps = 0.5 * (1 - 1e-6), torch.finfo(dtype).eps
+    for above, in_doubt in ((near, True), (far, False)):
+        assert (above < 8 * eps) == in_doubt
+        assert in_doubt or above > 12.1 * eps
+        field = torch.tensor([[edge * (1 + above), 0.75, 1.0]], dtype=dtype)
+        distance = torch.tensor([[1, 1, 2]])
+        values, bounds = level_values(field, distance, torch.tensor([2]), torch.zeros(1, dtype=dtype), Measure(bins=2))
+        assert values.tolist() == [0.0, 0.0]
+        assert bounds.tolist() == [pytest.approx(1.0) if in_doubt else 0.0, 0.0]

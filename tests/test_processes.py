@@ -45,6 +45,56 @@ def test_loader_workers_after_the_parent_used_the_kernels(start: str) -> None:
     assert [value.item() for value in loader] == expected
 
 
+# What a forked child can do after its parent has used the threads of OpenMP, on inputs that torch would divide among
+# them: shapes of 78,000 pixels, and 400 shapes at 100 scales.
+FORKED = {
+    "distance": "torchlinf.chessboard_distance(masks, spatial_ndim=2).numpy().sum()",
+    "field": "torchlinf.solve_field(masks, spatial_ndim=2).value.numpy().sum()",
+    "normalised field": "torchlinf.linf_field(grey, spatial_ndim=2).numpy().sum()",
+    "complexity": "torchlinf.complexity(grey, spatial_ndim=2).tolist()",
+    "standard deviation": "torchlinf.complexity(masks, estimator='std', levels='rim', spatial_ndim=2).tolist()",
+    "map": "np.nansum(torchlinf.complexity_map(masks, spatial_ndim=2).numpy())",
+    "profile": "[p := torchlinf.complexity_profile(many, spatial_ndim=2), p.mean().tolist(), p.peak()[1].tolist()][1:]",
+    "transform": "ShapeComplexityScore()(grey).tolist()",
+    "labels": "complexity_table(masks[0].numpy().astype(int), properties=['area'])['complexity'].tolist()",
+    "shapes": "[shapes.disc(120).numpy().sum(), shapes.diagonal_pair(200, 90).numpy().sum()]",
+}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="forks")
+def test_a_forked_child_does_not_wait_for_threads_that_its_parent_had() -> None:
+    script = f"""
+import multiprocessing, os
+import numpy as np, torch, torchlinf
+from torchlinf import shapes
+from torchlinf.labels import complexity_table
+from torchlinf.transforms import ShapeComplexityScore
+torch.set_num_threads(2)
+y, x = np.mgrid[:260, :300]
+one = (np.abs(x - 150) / 140.0) ** 3 + (np.abs(y - 130) / 120.0) ** 3 < 1
+one[:, 10:20] = False
+masks = torch.from_numpy(np.stack([one, one[::-1] & (x > 30)]))
+grey = torch.from_numpy(masks.numpy().astype(np.float32))
+many = torch.from_numpy(np.stack([np.tri(9, 11, dtype=bool)] * 400))
+calls = {FORKED!r}
+def call(name):
+    return eval(calls[name])
+torch.ones(3000, 3000).sum()  # on both threads
+expected = {{name: call(name) for name in calls}}
+pool = multiprocessing.get_context("fork").Pool(1)
+for name in calls:
+    try:
+        found = pool.apply_async(call, [name]).get(60)
+        print(name, "differs" if found != expected[name] else "", flush=True)
+    except multiprocessing.TimeoutError:
+        print(name, "hangs", flush=True)
+        break
+pool._pool[0].kill()
+os._exit(0)
+"""
+    assert run(script).split("\n")[:-1] == [f"{name} " for name in FORKED]
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="forks")
 def test_a_forked_pool_after_the_parent_scored_objects() -> None:
     """No call of the pipeline starts OpenMP's threads, which a forked child would wait for without end."""

@@ -105,7 +105,7 @@ def test_names_that_are_no_text(tmp_path: Path) -> None:
 @pytest.mark.parametrize("size", [(13, 22), (5, 8, 11)])
 def test_a_row_says_what_the_core_says(size: tuple[int, ...]) -> None:
     mask = np.pad(noise(3, *size), [(i, 7 - i) for i in range(len(size))])
-    row = score_mask(mask)
+    row = score_mask(mask, spatial_ndim=mask.ndim)
     profile = torchlinf.complexity_profile(torch.from_numpy(mask), spatial_ndim=mask.ndim)
     levels = profile.levels()
     assert row["pixels"] == mask.sum()

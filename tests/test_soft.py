@@ -341,3 +341,21 @@ def test_complexity_by_groups_of_shapes(slices: int, monkeypatch: pytest.MonkeyP
     step = 1e-4
     up, down = (torchlinf.soft_complexity(probability, rho=rho + e, slices=slices).sum() for e in (step, -step))
     torch.testing.assert_close(found[0][2].sum(), (up - down) / (2 * step), rtol=1e-4, atol=1e-7)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # torch.compile warns of its own doing where a graph breaks
+@pytest.mark.parametrize("function", [soft_chessboard_distance, soft_linf_field, soft_complexity])
+def test_compiled_on_inputs_of_any_strides(function: Callable[..., Tensor]) -> None:
+    """With graph breaks: how often the mask is eroded depends on its values."""
+    for order in ((0, 1, 2, 3), (0, 2, 3, 1), (1, 0, 3, 2)):  # contiguous, channels last, permuted
+        torch.compiler.reset()
+        compiled = torch.compile(function, backend="aot_eager")
+        found = []
+        for call in (function, compiled):
+            back = [order.index(axis) for axis in range(4)]
+            leaf = grey(2, 3, 9, 12).permute(order).contiguous().permute(back).requires_grad_()
+            value = call(leaf)
+            (slope,) = torch.autograd.grad(value.square().sum(), leaf)
+            found.append((value.detach(), slope))
+        torch.testing.assert_close(found[1], found[0], rtol=1e-9, atol=1e-9)

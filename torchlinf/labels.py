@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from torchlinf import __version__
-from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, positive
+from torchlinf._helpers.axes import image_shape
+from torchlinf._helpers.checks import number_of_axes, positive
 from torchlinf.measure import Measure, MeasureOptions, ragged_profile, takes
 
 __all__ = ["complexity_table"]
@@ -26,6 +27,7 @@ def complexity_table(
     properties: Sequence[str] = (),
     intensity_image: Tensor | ArrayLike | None = None,
     spacing: Sequence[float] | None = None,
+    spatial_ndim: int | None = None,
     **options: Unpack[MeasureOptions],
 ) -> dict[str, NDArray[Any]]:
     """Measure the complexity of every object of a label map.
@@ -34,14 +36,17 @@ def complexity_table(
     not change its numbers. All pixels of one label are one object, connected or not.
 
     Args:
-        label_map: (H, W) or (D, H, W), or any other number of dimensions from 1 to 4; integers, 0 is background, all
-            else is the label of an object; masked pixels of a masked array are background. Labels may be huge and have
-            gaps; memory grows with the map alone.
+        label_map: (H, W), or any number of dimensions from 1 to 4 that `spatial_ndim` names; integers, 0 is background,
+            all else is the label of an object; masked pixels of a masked array are background. Labels may be huge and
+            have gaps; memory grows with the map alone. Axes of length 1 before and behind the map, as in (1, H, W) and
+            (H, W, 1), are dropped.
         properties: names of properties of `skimage.measure.regionprops_table`, such as "area", "eccentricity" or
             "centroid", whose columns stand beside; 2-D and 3-D only.
         intensity_image: like the map, or with a last dimension of channels, for properties that need it, such as
             "intensity_mean".
         spacing: size of a pixel along each axis, for `properties` alone: the complexity counts in pixels.
+        spatial_ndim: dimensions of the map: 3 for a volume (D, H, W), also for one that is a voxel thick. None means an
+            image or a line; then three axes raise, since they may be a volume, a stack of maps, or colours.
         {measure options}
             Here rho must be None or one number, not a tensor.
 
@@ -66,8 +71,8 @@ def complexity_table(
 
     Raises:
         TypeError: the map is not of integers, or an argument is of the wrong type.
-        ValueError: the map has a wrong rank or a negative label, or an argument a wrong value, such as the name of a
-            property that scikit-image does not have.
+        ValueError: the map has a wrong rank, a rank that `spatial_ndim` does not explain, or a negative label, or an
+            argument has a wrong value, such as the name of a property that scikit-image does not have.
         RuntimeError: a field could not be solved to `tol`.
 
     Source: the measure is that of Arslan and Tari, IEEE TIP 2020.
@@ -88,9 +93,11 @@ def complexity_table(
     measure = Measure.of(options, MeasureOptions)
     measure.scalar_rho()
     windows = measure.named_windows()
-    labels = _label_map(label_map)
+    whole = _label_map(label_map)
+    axes = None if spatial_ndim is None else number_of_axes(spatial_ndim)
+    labels = whole.reshape(image_shape(whole.shape, axes, "label_map"))
     numbered, boxes, names = _objects(labels)
-    beside = _properties(numbered, _names(properties), intensity_image, spacing)
+    beside = _properties(numbered, whole.shape, _names(properties), intensity_image, spacing)
     taken = {*COLUMNS, *beside} & set(windows)
     if taken:
         raise ValueError(
@@ -130,11 +137,6 @@ def _label_map(label_map: Tensor | ArrayLike) -> NDArray[Any]:
             else "Pass label_map.astype(int)"
         )
         raise TypeError(f"label_map must hold integers; got {labels.dtype}. {remedy}.")
-    if not 1 <= labels.ndim <= MAX_SPATIAL_NDIM:
-        raise ValueError(
-            f"label_map must have 1 to {MAX_SPATIAL_NDIM} dimensions; got {labels.shape}. "
-            "Pass one map at a time, without batch or channels."
-        )
     if labels.size and labels.min() < 0:
         raise ValueError(
             f"label_map must hold no negative labels; got {labels.min()}. "
@@ -178,6 +180,7 @@ def _names(properties: Sequence[str]) -> list[str]:
 
 def _properties(
     numbered: NDArray[Any],
+    given: tuple[int, ...],
     names: list[str],
     intensity_image: Tensor | ArrayLike | None,
     spacing: Sequence[float] | None,
@@ -198,6 +201,8 @@ def _properties(
         )
     elif intensity_image is not None:
         intensity_image = np.asarray(intensity_image)
+    if intensity_image is not None and np.shape(intensity_image) == given:
+        intensity_image = np.reshape(intensity_image, numbered.shape)  # without the axes that the map was given with
     if intensity_image is not None and np.shape(intensity_image)[: numbered.ndim] != numbered.shape:
         raise ValueError(
             f"intensity_image must have the shape of label_map, {numbered.shape}; got {np.shape(intensity_image)}. "

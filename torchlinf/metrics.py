@@ -12,7 +12,8 @@ from typing import Any, Literal, Unpack, cast
 import torch
 from torch import Tensor
 
-from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, as_mask, choice, count, flag, number_or_none
+from torchlinf._helpers.axes import image_shape
+from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, as_mask, choice, count, flag, number_of_axes, number_or_none
 from torchlinf._helpers.extras import require
 from torchlinf.measure import LevelOptions, Measure, MeasureOptions, complexity_profile, takes
 
@@ -65,6 +66,8 @@ class ShapeComplexity(Metric):
         include_background: if False, class 0 is dropped, from the result as well.
         ignore_index: a label in `preds` or `target` that stands for no class, such as 255.
         empty: "worst" or "skip", what an empty prediction counts as.
+        spatial_ndim: dimensions of an image; 3 for volumes. None takes all dimensions behind the channels of one-hot
+            predictions, and of labels (B, H, W); more axes raise, since they may be channels.
         {measure options}
             Here rho must be None or one number, not a tensor.
         kwargs: options of every torchmetrics metric, such as `sync_on_compute`.
@@ -77,9 +80,10 @@ class ShapeComplexity(Metric):
 
     Shape:
         - preds: (B, C, *spatial) or (B, *spatial), as `input_format` says, with 1 to 4 spatial dimensions, on any
-          device.
-        - target: optional, (B, C, *spatial), nonzero is inside, or (B, *spatial) integer labels; the rank tells. Beside
-          one-hot predictions of one class the labels are 0, outside, and 1.
+          device. Labels may have axes of length 1 before or behind the image, (B, 1, H, W) or (B, H, W, 1), which are
+          dropped; with `spatial_ndim=3` (B, 1, H, W) is a volume that is one voxel thick.
+        - target: optional, (B, C, *spatial), nonzero is inside, or integer labels (B, *spatial), or with an axis of
+          length 1; the rank tells. Beside one-hot predictions of one class the labels are 0, outside, and 1.
         - output of `forward` and `compute`: a float32 number, or (C,) for average "none", in bits (share of the field's
           maximum for "std"), in [0, `measure.largest`], lower is simpler; NaN where there is no shape. With `windows` a
           dictionary of them by name. Full masks give 0.0.
@@ -127,13 +131,14 @@ class ShapeComplexity(Metric):
         include_background: bool = True,
         ignore_index: int | None = None,
         empty: Literal["worst", "skip"] = "worst",
+        spatial_ndim: int | None = None,
         **kwargs: Unpack[MetricOptions],
     ) -> None:
         ours = MeasureOptions.__optional_keys__
         super().__init__(**{name: value for name, value in kwargs.items() if name not in ours})
         self.measure = Measure.of({name: value for name, value in kwargs.items() if name in ours}, MeasureOptions)
         self.measure.scalar_rho()
-        self.input_format = InputFormat(num_classes, threshold, input_format, ignore_index)
+        self.input_format = InputFormat(num_classes, threshold, input_format, ignore_index, spatial_ndim)
         self.average = choice("none" if average is None else average, AVERAGES, "average")
         self.include_background = flag(include_background, "include_background")
         self.empty = choice(empty, EMPTY, "empty")
@@ -245,9 +250,12 @@ class InputFormat:
     threshold: float | None
     input_format: str
     ignore_index: int | None
+    spatial_ndim: int | None = None
 
     def __post_init__(self) -> None:
         count(self.num_classes, "num_classes")
+        if self.spatial_ndim is not None:
+            number_of_axes(self.spatial_ndim)
         choice(self.input_format, FORMATS, "input_format")
         remedy = "Pass 0.0 for logits, 0.5 for probabilities."
         object.__setattr__(self, "threshold", number_or_none(self.threshold, "threshold", remedy))
@@ -271,8 +279,13 @@ class InputFormat:
         _check_tensor(preds, "preds")
         if self.input_format == "index":
             _check_rank(preds, 1, 'Pass (B, *spatial) labels, or input_format="one-hot" for (B, C, *spatial).', "preds")
-            return self._one_hot(preds, "preds")
+            return self._one_hot(_labels(preds, self.spatial_ndim, "preds"), "preds")
         _check_rank(preds, 2, 'Pass (B, C, *spatial), or input_format="index" for (B, *spatial) labels.', "preds")
+        if self.spatial_ndim not in (None, preds.ndim - 2):
+            raise ValueError(
+                f"preds must be (B, C, *spatial) with spatial_ndim={self.spatial_ndim} last dimensions; got "
+                f"{tuple(preds.shape)}. Pass spatial_ndim={preds.ndim - 2}, or None."
+            )
         self._check_channels(preds, "preds")
         if preds.is_floating_point() and bool(preds.isnan().any()):
             raise ValueError("preds must hold no NaN; got some. Find out where the model's output became NaN.")
@@ -290,15 +303,17 @@ class InputFormat:
     def present(self, target: Tensor, masks: Tensor) -> Tensor:
         """Which classes are in which samples of the target, bool (B, C)."""
         _check_tensor(target, "target")
-        if target.ndim == masks.ndim:
+        if target.ndim == masks.ndim and (1 not in (target.shape[1], target.shape[-1]) or target.shape == masks.shape):
             self._check_channels(target, "target")
             inside = target != 0
-        elif self.num_classes == 1 and self.input_format == "one-hot" and target.ndim == masks.ndim - 1:
-            # Labels of one class beside an unnamed background: 0 is the background, not the class.
-            inside = self._binary(target)[:, None]
+            if self.ignore_index is not None:
+                inside &= target != self.ignore_index
         else:
             _check_rank(target, 1, "Pass (B, *spatial) labels or (B, C, *spatial) masks.", "target")
-            inside = self._one_hot(target, "target")
+            labels = _labels(target, masks.ndim - 2, "target")
+            # Labels of one class beside an unnamed background: 0 is the background, not the class.
+            is_binary = self.num_classes == 1 and self.input_format == "one-hot"
+            inside = self._binary(labels)[:, None] if is_binary else self._one_hot(labels, "target")
         if inside.shape != masks.shape:
             raise ValueError(
                 f"target must have the batch and spatial sizes of preds; got {tuple(target.shape)} beside masks "
@@ -337,8 +352,8 @@ class InputFormat:
 
     def _check_channels(self, x: Tensor, name: str) -> None:
         if x.shape[1] != self.num_classes:
-            # Integers without a dimension for channels are labels, to all appearance.
-            labels = name == "preds" and x.ndim == 3 and not x.is_floating_point()
+            # Integers without a dimension for channels, or with one of length 1, are labels, to all appearance.
+            labels = name == "preds" and not x.is_floating_point() and (x.ndim == 3 or 1 in (x.shape[1], x.shape[-1]))
             remedy = 'input_format="index" for (B, *spatial) labels, or ' if labels else ""
             raise ValueError(
                 f"{name} must have num_classes={self.num_classes} channels; got {tuple(x.shape)}. "
@@ -349,6 +364,11 @@ class InputFormat:
 def _check_tensor(x: object, name: str) -> None:
     if not isinstance(x, Tensor):
         raise TypeError(f"{name} must be a torch.Tensor; got {type(x).__name__}. Pass torch.as_tensor({name}).")
+
+
+def _labels(x: Tensor, spatial_ndim: int | None, name: str) -> Tensor:
+    """Labels (B, *spatial), without the axes of length 1 that they came with."""
+    return x.reshape(image_shape(tuple(x.shape), spatial_ndim, name, batch=1))
 
 
 def _check_rank(x: Tensor, leading: int, remedy: str, name: str) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL.Image import Image
 from torch import Tensor
 
+from torchlinf._helpers.axes import refuse_colours
 from torchlinf._helpers.checks import flag, number_of_axes, number_or_none, real_dtype
 from torchlinf._helpers.inside import UnclearMaskError, find_inside, text
 from torchlinf.measure import Measure, MeasureOptions, ragged_profile, takes
@@ -31,7 +32,9 @@ class ShapeComplexityScore:
             over the whole batch: of 0 and one other value that value; of a negative and a positive value the positive
             one; of grey uint8 and uint16 what lies above half of the type's range; of numbers from 0 to 1 what lies
             above 0.5. A label map raises; pass `labels == k` for one object, or `labels != 0` for all as one shape.
-        spatial_ndim: that many last dimensions are spatial, all others are batch; 2 for images, 3 for volumes.
+        spatial_ndim: that many last dimensions are spatial, all others are batch; 3 for volumes. None means 2, for
+            images; then a last axis of length 1 is dropped, as in (H, W, 1), and one of length 3 or 4 raises, since it
+            may be one of colours.
         dtype: of the result; None means float64, in which it is always computed.
         {measure options}
             Here rho must be None or one number, not a tensor.
@@ -41,10 +44,11 @@ class ShapeComplexityScore:
 
     Shape:
         - mask: a tensor or NumPy array, (*batch, *spatial), bool, integer or real; or a PIL image of one band (modes 1,
-          L, I, F, P). Colour and multi-band images raise.
+          L, I, F, P). Colour and multi-band images raise. (N, H, W) are N masks, never a volume by itself.
         - output: tensor of the batch shape, a number without dimensions for a single mask, so that loaders collate a
-          batch of them to (B,); with `windows` a dictionary of them by name, from one solve. In bits (share of the
-          field's maximum for "std"), in [0, `measure.largest`]. NaN for an empty mask, exactly 0.0 for a full one.
+          batch of them to (B,); (1,) for a mask (1, H, W). With `windows` a dictionary of them by name, from one solve.
+          In bits (share of the field's maximum for "std"), in [0, `measure.largest`]. NaN for an empty mask, exactly
+          0.0 for a full one.
 
     Not differentiable; computed on the CPU.
 
@@ -68,12 +72,12 @@ class ShapeComplexityScore:
         self,
         *,
         threshold: float | None = None,
-        spatial_ndim: int = 2,
+        spatial_ndim: int | None = None,
         dtype: torch.dtype | None = None,
         **options: Unpack[MeasureOptions],
     ) -> None:
         self.threshold = number_or_none(threshold, "threshold")
-        self.spatial_ndim = number_of_axes(spatial_ndim)
+        self.spatial_ndim = None if spatial_ndim is None else number_of_axes(spatial_ndim)
         self.dtype = real_dtype(dtype)
         self.measure = Measure.of(options, MeasureOptions)
         self.measure.scalar_rho()
@@ -91,7 +95,7 @@ class ShapeComplexityScore:
             {'complexity': tensor(0., dtype=torch.float64)}
         """
         inside = self._inside(_array(mask))
-        batch_shape = inside.shape[: inside.ndim - self.spatial_ndim]
+        batch_shape = inside.shape[: inside.ndim - (self.spatial_ndim or 2)]
         shapes = inside.reshape(-1, *inside.shape[len(batch_shape) :])
         profile = ragged_profile(lambda i: shapes[i], len(shapes), self.measure)
         return {
@@ -109,10 +113,15 @@ class ShapeComplexityScore:
     def _inside(self, mask: NDArray[Any]) -> NDArray[np.bool_]:
         if mask.dtype.kind not in "buif":
             raise TypeError(f"mask must be bool, integer or real; got {mask.dtype}. Pass mask != 0.")
-        if mask.ndim < self.spatial_ndim or 0 in mask.shape[mask.ndim - self.spatial_ndim :]:
+        if self.spatial_ndim is None:
+            while mask.ndim > 2 and mask.shape[-1] == 1:
+                mask = mask[..., 0]
+            refuse_colours(mask.shape, "mask")
+        ndim = self.spatial_ndim or 2
+        if mask.ndim < ndim or 0 in mask.shape[mask.ndim - ndim :]:
             raise ValueError(
-                f"mask must have at least spatial_ndim={self.spatial_ndim} dimensions, the last {self.spatial_ndim} of "
-                f"size 1 or more; got {mask.shape}. Pass spatial_ndim=... or another mask."
+                f"mask must have at least spatial_ndim={ndim} dimensions, the last {ndim} of size 1 or more; got "
+                f"{mask.shape}. Pass spatial_ndim=... or another mask."
             )
         if mask.dtype.kind == "f" and bool(np.isnan(mask).any()):
             raise ValueError("mask must hold no NaN; got some. Replace it, for example by np.nan_to_num.")
@@ -141,7 +150,8 @@ class ShapeComplexityScored:
         allow_missing_keys: if True, keys that a sample does not have are passed over.
         threshold: what is inside. A number: inside is what is greater. None decides by the rule of `torchlinf score`;
             see `ShapeComplexityScore`.
-        spatial_ndim: that many last dimensions are spatial, all others are batch; 2 for images, 3 for volumes.
+        spatial_ndim: that many last dimensions are spatial, all others are batch; 3 for volumes. None means images, in
+            any of the forms that `ShapeComplexityScore` takes.
         dtype: of the scores; None means float64.
         {measure options}
             Here rho must be None or one number, not a tensor.
@@ -171,7 +181,7 @@ class ShapeComplexityScored:
         postfix: str = "complexity",
         allow_missing_keys: bool = False,
         threshold: float | None = None,
-        spatial_ndim: int = 2,
+        spatial_ndim: int | None = None,
         dtype: torch.dtype | None = None,
         **options: Unpack[MeasureOptions],
     ) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from numbers import Integral, Real
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 # The command checks its options before it loads torch, and answers --help without it.
 if TYPE_CHECKING:
@@ -53,12 +53,23 @@ def as_mask(mask: Tensor, spatial_ndim: int | None = None, name: str = "mask") -
             f"{name} must have spatial dimensions of size 1 or more; got spatial shape {spatial}. "
             "Drop the shapes without pixels first."
         )
+    rows = (math.prod(batch_shape), *spatial)
+    if mask.device.type == "cpu" and mask.dtype != torch.bfloat16:
+        # NumPy starts no threads of OpenMP, which a forked child would wait for without end; see `for_each`.
+        values = mask.numpy(force=True)
+        return torch.from_numpy(
+            (values if mask.dtype == torch.bool else _binary(values, name)).reshape(rows)
+        ), batch_shape
     inside = mask.detach() if mask.dtype == torch.bool else _binary(mask.detach(), name)
-    return inside.reshape(math.prod(batch_shape), *spatial), batch_shape
+    return inside.reshape(rows), batch_shape
 
 
-def plain(x: Tensor, name: str) -> None:
+def plain(x: Any, name: str) -> None:
     """Raise for a tensor without data, as inside the transforms of torch.func, which solves cannot see through."""
+    import torch
+
+    if not isinstance(x, torch.Tensor):
+        return
     try:
         x.data_ptr()
     except RuntimeError:
@@ -107,14 +118,15 @@ def number_of_axes(spatial_ndim: int) -> int:
     return int(spatial_ndim)
 
 
-def _binary(mask: Tensor, name: str) -> Tensor:
+def _binary(mask: Any, name: str) -> Any:
+    """Where a tensor or an array of 0 and 1 is 1."""
     inside = mask == 1
     wrong = ~(inside | (mask == 0))
     if wrong.any():
-        if mask.is_floating_point() and mask.isnan().any():
+        value = mask[wrong].reshape(-1)[0].item()
+        if (mask != mask).any():
             raise ValueError(f"{name} must hold only 0 and 1; got NaN. Pass {name} > threshold after removing the NaN.")
-        value = mask[wrong][0].item()
-        remedy = f"Pass {name} > threshold" if mask.is_floating_point() else f"Pass {name} != 0 for nonzero inside"
+        remedy = f"Pass {name} > threshold" if isinstance(value, float) else f"Pass {name} != 0 for nonzero inside"
         raise ValueError(f"{name} must hold only 0 and 1; got {value}. {remedy}.")
     return inside
 

@@ -1,5 +1,11 @@
-"""Threads over shapes: kernels release the GIL, and a pool lives only as long as one call, so forks are safe."""
+"""Threads over shapes: kernels release the GIL, and a pool lives only as long as one call, so forks are safe.
 
+Torch's own threads, those of OpenMP, are not: a child that is forked after they have started waits for them without end
+at the first operation on more than some 30,000 numbers. So on the CPU what leads from a mask to its complexity is done
+by the kernels and by NumPy.
+"""
+
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
@@ -43,12 +49,13 @@ def for_each(task: Callable[[int, Callable[[], None]], None], count: int) -> Non
         if stop.is_set() or (outer is not None and outer.is_set()):
             raise Cancelled
 
-    if threads <= 1:
+    # torch.compile would trace the tasks and cannot see through NumPy. It follows no other thread.
+    if threads <= 1 and "torch._dynamo" not in sys.modules:
         for i in range(count):
             task(i, check)
         return
 
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(max(1, threads)) as pool:
         futures = [pool.submit(task, i, check) for i in range(count)]
         try:
             wait(futures, return_when=FIRST_EXCEPTION)

@@ -9,16 +9,46 @@ import os
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Annotated
+from contextlib import contextmanager, suppress
+from io import TextIOWrapper
+from typing import Annotated, Any
 
 import typer
+import typer.core
 
 from torchlinf import __version__
+from torchlinf._helpers.terminal import printable
 from torchlinf.cli import compare, order, profile, report, score, warm_up
 from torchlinf.cli.outputs import PIPE_CLOSED
 
+
+class _Group(typer.core.TyperGroup):
+    """The command as Typer has it, whose messages about wrong usage hold no control characters."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the subcommand."""
+        with _harmless_messages():
+            return super().invoke(ctx)
+
+    def make_context(self, *args: Any, **options: Any) -> Any:
+        """Parse the options before the subcommand."""
+        with _harmless_messages():
+            return super().make_context(*args, **options)
+
+
+@contextmanager
+def _harmless_messages() -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:
+        # Typer has its own copy of click's exceptions, or click's; those of wrong usage have a message to format.
+        if hasattr(error, "format_message") and isinstance(message := getattr(error, "message", None), str):
+            error.message = printable(message)  # type: ignore[attr-defined]
+        raise
+
+
 app = typer.Typer(
+    cls=_Group,
     no_args_is_help=True,
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -36,7 +66,7 @@ app.command()(warm_up.warm_up)
 def main() -> None:
     """Run the command; the entry point of the package."""
     try:
-        with _quiet():
+        with _quiet(), _every_character():
             app()
     except SystemExit as stop:
         if stop.code == PIPE_CLOSED:
@@ -64,6 +94,22 @@ def _quiet() -> Iterator[None]:
         finally:
             sys.warnoptions.remove(tracker)
             tifffile.disabled = disabled
+
+
+@contextmanager
+def _every_character() -> Iterator[None]:
+    """Print what the encoding of standard output does not have as an escape, as standard error does."""
+    stream = sys.stdout
+    if not isinstance(stream, TextIOWrapper):
+        yield
+        return
+    before = stream.errors
+    stream.reconfigure(errors="backslashreplace")
+    try:
+        yield
+    finally:
+        with suppress(OSError, ValueError):  # a pipe that nobody reads, a stream that is closed
+            stream.reconfigure(errors=before)
 
 
 def _print_version(wanted: bool) -> None:

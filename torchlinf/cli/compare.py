@@ -6,15 +6,16 @@ from typing import Annotated
 
 import typer
 
-from torchlinf.cli.outputs import endings, fail, folder_problem, load_table
+from torchlinf._helpers.terminal import names_table, printable
+from torchlinf.cli.outputs import endings, fail, folder_problem, is_standard_output, load_table, say
 from torchlinf.scoring import (
     COMPARED,
-    SUFFIXES,
     Comparison,
     Join,
     Score,
     compare_scores,
     numeric_columns,
+    table_format,
     write_pairs,
 )
 
@@ -33,7 +34,13 @@ def compare(
     ] = "complexity",
     largest: Annotated[int, typer.Option(min=0, metavar="N", help="How many of the largest changes to show.")] = 10,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write both numbers of every mask here, as CSV.")
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="Write both numbers of every mask here: .csv or .tsv, also with .gz behind; - for standard output.",
+        ),
     ] = None,
 ) -> None:
     """Compare two tables of scores: old and new masks of one data set."""
@@ -67,8 +74,8 @@ def _compare(
             f"example. Pass --join {', '.join(others[:-1])} or {others[-1]}."
         )
     if len({row.measure for row in (*before, *after)}) > 1:
-        typer.echo("The rows were not all measured with the same options; see their column 'measure'.", err=True)
-    _print(comparison, largest)
+        say("The rows were not all measured with the same options; see their column 'measure'.")
+    _print(comparison, largest, to_stderr=out is not None and is_standard_output(out))
     if out is not None:
         try:
             write_pairs(out, comparison.pairs)
@@ -80,41 +87,47 @@ def _compare(
 
 def _problem(out: Path, tables: tuple[Path, Path]) -> str | None:
     """Why the changes cannot, or should not, be written to a file."""
+    if is_standard_output(out):
+        return None
     if problem := folder_problem(out):
         return problem
     if any(out.exists() and table.exists() and out.samefile(table) for table in tables):
         return f"{out} is one of the tables"
-    if out.suffix.lower() in (*SUFFIXES, ".tar", ".json", ".jsonl", ".parquet"):
-        return f"{out} would hold CSV; pass for example changes.csv"
-    return None
+    try:
+        is_text = table_format(out).kind in ("csv", "tsv")
+    except ValueError:
+        is_text = False
+    return (
+        None
+        if is_text or (out.exists() and not out.is_file())
+        else f"{out} would hold CSV; pass for example changes.csv"
+    )
 
 
-def _print(comparison: Comparison, largest: int) -> None:
+def _print(comparison: Comparison, largest: int, to_stderr: bool) -> None:
     """Print what changed from one table to another, and the masks that changed most."""
-    from rich.box import SIMPLE_HEAD
     from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
 
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False, stderr=to_stderr)
     for status, count in comparison.counts.most_common():
         console.print(f"{count:>9,} {status}")
     changes = comparison.changes
     if changes.size:
         old, new = comparison.numbers.mean(axis=1)
         rose, fell = int((changes > 0).sum()), int((changes < 0).sum())
+        column = printable(comparison.column, console.encoding)
         lines = (
-            f"mean {comparison.column} {old:.3f} before, {new:.3f} after: {new - old:+.3f}, "
-            f"median {median(changes):+.3f}",
+            f"mean {column} {old:.3f} before, {new:.3f} after: {new - old:+.3f}, median {median(changes):+.3f}",
             f"{rose:,} rose, {fell:,} fell, {changes.size - rose - fell:,} stayed",
             f"rank correlation {comparison.rank_correlation:.3f}",
         )
         console.print("\n".join(lines), soft_wrap=True)
     if pairs := comparison.largest(largest):
-        table = Table(title="largest changes", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-        table.add_column("mask", overflow="fold")
-        for title in ("old", "new", "change"):
-            table.add_column(title, justify="right", no_wrap=True)
-        for pair in pairs:
-            table.add_row(escape(pair.mask), f"{pair.old:.3f}", f"{pair.new:.3f}", f"{pair.change:+.3f}")
-        console.print(table)
+        numbers = {
+            "old": [f"{pair.old:.3f}" for pair in pairs],
+            "new": [f"{pair.new:.3f}" for pair in pairs],
+            "change": [f"{pair.change:+.3f}" for pair in pairs],
+        }
+        names = [printable(pair.mask, console.encoding) for pair in pairs]
+        important = ("change", "new")
+        console.print(names_table(names, numbers, width=console.width, important=important, title="largest changes"))

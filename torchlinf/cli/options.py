@@ -15,7 +15,13 @@ Paths = Annotated[
 ]
 Out = Annotated[
     Path | None,
-    typer.Option("--out", "-o", metavar="FILE", help="Write the table here: .csv, .jsonl or .parquet. It is resumed."),
+    typer.Option(
+        "--out",
+        "-o",
+        metavar="FILE",
+        help="Write the table here: .csv, .tsv, .jsonl (also with .gz) or .parquet, which is resumed; - is standard "
+        "output.",
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object a line instead of CSV.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Begin the table anew instead of resuming it.")]

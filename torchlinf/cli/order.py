@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
+from torchlinf._helpers.terminal import encodable
 from torchlinf.cli.inputs import find_sources, reading_options
 from torchlinf.cli.measure_options import takes_measure
 from torchlinf.cli.options import AsJson, Ignore, Invert, Label, MaxPixels, Nonzero, Paths, Threshold, Volume
-from torchlinf.cli.outputs import endings
+from torchlinf.cli.outputs import endings, say
 from torchlinf.cli.pictures import check_picture, pictures, save_picture, title
 from torchlinf.scoring import MAX_PIXELS, RULE, Source
 
@@ -102,7 +103,7 @@ def _solve(
                     masks[source.name] = inside
             except Exception as error:
                 # The others go on, whatever this one met: a field that does not converge, memory that runs out.
-                typer.echo(f"{source.name}: {error_text(error)}", err=True)
+                say(f"{source.name}: {error_text(error)}")
     return profiles
 
 
@@ -112,7 +113,8 @@ def _print(graph: "DiGraph", profiles: "dict[str, ComplexityProfile]", titles: d
     if sys.stdout.isatty() and not as_json:
         print_order(_renamed(graph, titles), {titles[name]: profile for name, profile in profiles.items()})
         return
-    sys.stdout.write(as_json_lines(graph, profiles) if as_json else as_csv(graph, profiles))
+    text = as_json_lines(graph, profiles) if as_json else as_csv(graph, profiles)
+    sys.stdout.write(encodable(text, sys.stdout.encoding))
     sys.stdout.flush()
 
 

@@ -1,14 +1,14 @@
 """A partial order as a table, one row a shape, for programs and for people."""
 
-import csv
-import io
 import json
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from torchlinf import __version__
+from torchlinf._helpers.terminal import names_table, printable
 from torchlinf.measure import ComplexityProfile
 from torchlinf.order import Node, chains, hasse_diagram, incomparable_pairs, largest_antichain, longest_chain
+from torchlinf.scoring import csv_line
 
 if TYPE_CHECKING:
     from networkx import DiGraph
@@ -72,11 +72,7 @@ def as_csv(order: "DiGraph", profiles: Profiles) -> str:
         {key: "; ".join(x) if isinstance(x, list) else x for key, x in row.items()}
         for row in order_rows(order, profiles)
     ]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return "".join(csv_line(cells) for cells in (rows[0], *(row.values() for row in rows)))
 
 
 def as_json_lines(order: "DiGraph", profiles: Profiles) -> str:
@@ -86,28 +82,33 @@ def as_json_lines(order: "DiGraph", profiles: Profiles) -> str:
 
 def print_order(order: "DiGraph", profiles: Profiles) -> None:
     """Print the table for people, and below it chains and what cannot be compared."""
-    from rich.box import SIMPLE_HEAD
     from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
 
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
+    rows = list(order_rows(order, profiles))
     measure = next(iter(profiles.values())).measure
-    windows = measure.named_windows()
-    means = [f"t in ({low:g}, {high:g}]" for low, high in windows.values()]
-    table = Table(caption=f"Mean complexity in {measure.unit}.", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column("mask", overflow="fold")
-    for title in ("rank", *means):
-        table.add_column(title, justify="right", no_wrap=True)
-    for title in ("equal to", "next above"):
-        table.add_column(title, overflow="fold")
-    for row in order_rows(order, profiles):
-        numbers = (str(row["rank"]), *(f"{row[window]:.3f}" for window in windows))
-        names = (escape(", ".join(row[column])) for column in ("equal", "above"))
-        table.add_row(escape(row["path"]), *numbers, *names)
+
+    def shown(text: str) -> str:
+        return printable(text, console.encoding)
+
+    means = {
+        f"t in ({low:g}, {high:g}]": [f"{row[window]:.3f}" for row in rows]
+        for window, (low, high) in measure.named_windows().items()
+    }
+    table = names_table(
+        [shown(row["path"]) for row in rows],
+        {"rank": [str(row["rank"]) for row in rows], **means},
+        width=console.width,
+        texts={
+            "equal to": [shown(", ".join(row["equal"])) for row in rows],
+            "next above": [shown(", ".join(row["above"])) for row in rows],
+        },
+        important=["rank", *means],
+        caption=f"Mean complexity in {measure.unit}.",
+    )
     console.print(table)
     for line in summary(order):
-        console.print(escape(line), soft_wrap=True)
+        console.print(shown(line), soft_wrap=True)
 
 
 def summary(order: "DiGraph") -> list[str]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from torchlinf._helpers.extras import require
+from torchlinf._helpers.terminal import printable
 from torchlinf.cli.outputs import fail, folder_problem
 from torchlinf.scoring import Source
 
@@ -62,6 +63,10 @@ def save_picture(figure: "Figure", picture: Path) -> None:
 
 def title(source: Source, sources: list[Source]) -> str:
     """The shortest name that tells the source from the others."""
-    short = source.path.stem if source.member is None else f"{source.path.stem}:{source.member}"
-    same = [other for other in sources if (other.path.stem, other.member) == (source.path.stem, source.member)]
-    return short if len(same) == 1 else source.name
+    short = _short(source)
+    return short if sum(_short(other) == short for other in sources) == 1 else printable(source.name)
+
+
+def _short(source: Source) -> str:
+    """The name of a source without its folder and suffix, for one line of a picture or a terminal."""
+    return printable(source.path.stem if source.member is None else f"{source.path.stem}:{source.member}")

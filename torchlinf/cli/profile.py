@@ -8,7 +8,7 @@ import typer
 from torchlinf.cli.inputs import find_sources, reading_options
 from torchlinf.cli.measure_options import takes_measure
 from torchlinf.cli.options import Ignore, Invert, Label, MaxPixels, Nonzero, Paths, Threshold, Volume
-from torchlinf.cli.outputs import STATUS, endings, fail
+from torchlinf.cli.outputs import STATUS, endings, fail, say
 from torchlinf.cli.pictures import check_picture, pictures, save_picture, title
 from torchlinf.scoring import MAX_PIXELS, RULE
 
@@ -57,7 +57,7 @@ def profile(
                     raise UnreadableMaskError("no foreground: no pixel is inside")
                 masks[title(source, sources)] = torch.from_numpy(inside)
             except UnreadableMaskError as error:
-                typer.echo(f"{source.name}: {error}", err=True)
+                say(f"{source.name}: {error}")
         if masks:
             with Console(stderr=True).status(f"drawing {len(masks)} masks"):
                 try:

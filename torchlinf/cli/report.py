@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from torchlinf.cli.options import Invert, MaxPixels, Threshold
-from torchlinf.cli.outputs import fail, folder_problem, load_table
+from torchlinf.cli.outputs import endings, fail, folder_problem, load_table, say
 from torchlinf.scoring import MAX_PIXELS
 
 EPILOG = (
@@ -43,34 +43,34 @@ def report(
 
     The page opens in a browser without a server, and loads nothing from the network.
     """
-    from torchlinf.report import MaskReader, write_report
-
     problem = f"{out} has not the name of a page; pass for example report.html"
     if out.suffix.lower() in SUFFIXES:
         problem = folder_problem(out) or ""
     if problem:
         raise typer.BadParameter(problem, param_hint="--out")
-    rows = [row.cells() for row in load_table(table)]
-    if not rows:
-        fail(f"{table} is without a row: there is nothing to show.")
-    mask_of = MaskReader(folder, threshold, invert, max_pixels) if pictures else None
-    title = f"Complexity of shapes: {table.name}" if title is None else title
-    try:
-        with _progress() as advance:
-            page = write_report(
-                rows, out, mask_of=mask_of, title=title, limit=limit, profiles=profiles, advance=advance
-            )
-    except ImportError as error:
-        fail(str(error))
-    except OSError as error:
-        fail(f"The page cannot be written ({error.strerror or error}).")
-    typer.echo(
-        f"{out}: {page.size / 1e6:.1f} MB, {page.rows:,} of {len(rows):,} masks, {page.pictures:,} pictures, "
-        f"{page.profiles:,} profiles.",
-        err=True,
-    )
-    for reason, count in page.missing.most_common(3):
-        typer.echo(f"{count:,} without a picture: {reason}", err=True)
+    with endings(None):
+        from torchlinf.report import MaskReader, write_report
+
+        rows = [row.cells() for row in load_table(table)]
+        if not rows:
+            fail(f"{table} is without a row: there is nothing to show.")
+        mask_of = MaskReader(folder, threshold, invert, max_pixels) if pictures else None
+        title = f"Complexity of shapes: {table.name}" if title is None else title
+        try:
+            with _progress() as advance:
+                page = write_report(
+                    rows, out, mask_of=mask_of, title=title, limit=limit, profiles=profiles, advance=advance
+                )
+        except ImportError as error:
+            fail(str(error))
+        except OSError as error:
+            fail(f"The page cannot be written ({error.strerror or error}).")
+        say(
+            f"{out}: {page.size / 1e6:.1f} MB, {page.rows:,} of {len(rows):,} masks, {page.pictures:,} pictures, "
+            f"{page.profiles:,} profiles."
+        )
+        for reason, count in page.missing.most_common(3):
+            say(f"{count:,} without a picture: {reason}")
 
 
 @contextmanager

@@ -2,7 +2,8 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
@@ -29,7 +30,7 @@ from torchlinf.cli.options import (
     Volume,
     Workers,
 )  # fmt: skip
-from torchlinf.cli.outputs import STATUS, check_out, end_if_failed, endings, refuse_source
+from torchlinf.cli.outputs import STATUS, check_out, end_if_failed, endings, is_standard_output, refuse_source, say
 from torchlinf.scoring import COLUMNS, MAX_PIXELS, RULE, WINDOWS
 
 if TYPE_CHECKING:
@@ -83,7 +84,8 @@ def score(
 
         if as_json or overwrite or retry:
             raise typer.BadParameter("it always goes on in its folder, of Parquet files", param_hint="--ray")
-        score_on_ray(paths, out, ray, workers or _cores(), options, _progress)
+        with endings(None):
+            score_on_ray(paths, out, ray, workers or _cores(), options, _progress)
         return
     check_out(out, as_json, overwrite, retry)
     failed = 0
@@ -91,27 +93,33 @@ def score(
         sources = find_sources(paths, members)
         refuse_source(out, sources)
         with open_table(out, as_json=as_json, resume=not overwrite, retry=retry, **options.measuring) as put:
-            done = _sources_of(put.done) if labels or stack else put.done
+            names = {source.name for source in sources}
+            held, failures = _by_source(put.done, names), _by_source(put.failed, names)
+            done = held.keys() - failures.keys()
             new = [source for source in sources if source.name not in done]
-            failed += sum(done.get(source.name) is not None for source in sources)
+            failed += sum(any(put.done[path] is not None for path in held[name]) for name in done & names)
             if before := len(sources) - len(new):
-                typer.echo(f"{before} of {len(sources)} masks are in {out} already.", err=True)
+                say(f"{before} of {len(sources)} masks are in {out} already.")
             groups = score_groups(new, options, workers=workers or _cores())
-            with closing(groups), _progress(before, len(sources), shown=out is not None or not as_json) as advance:
-                for rows in groups:
-                    put(*rows)
+            streams = is_standard_output(out) and (as_json or out is not None) and sys.stdout.isatty()
+            with closing(groups), _progress(before, len(sources), shown=not streams) as advance:
+                for source, rows in zip(new, groups, strict=True):
+                    replaced = {*held.get(source.name, ()), *failures.get(source.name, ())}
+                    put(*rows, instead_of=sorted(replaced - {row.path for row in rows}))
                     failed += any(row.error is not None for row in rows)
                     advance()
-    end_if_failed(failed, len(sources), "" if out is None or retry else " --retry scores them again.")
+    end_if_failed(failed, len(sources), "" if is_standard_output(out) or retry else " --retry scores them again.")
 
 
-def _sources_of(done: Mapping[str, str | None]) -> dict[str, str | None]:
-    """The sources of rows that are named by a page and a label, as stack.npy[3]#15, and the last error of each."""
-    names: dict[str, str | None] = {}
-    for name, error in done.items():
-        source = re.sub(r"(\[\d+\])?(#\d+)?$", "", name, count=1)
-        names[source] = names.get(source) or error
-    return names
+def _by_source(paths: Iterable[str], names: Collection[str]) -> dict[str, list[str]]:
+    """Paths of rows by their source; --stack and --labels add a page and a label to its name, as stack.npy[3]#15."""
+    sources: dict[str, list[str]] = {}
+    for path in paths:
+        shorter = re.sub(r"#\d+$", "", path)
+        shortest = re.sub(r"\[\d+\]$", "", shorter)
+        name = next((name for name in (path, shorter, shortest) if name in names), shortest)
+        sources.setdefault(name, []).append(path)
+    return sources
 
 
 def _cores() -> int:

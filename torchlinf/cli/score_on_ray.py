@@ -9,9 +9,12 @@ from pathlib import Path
 
 import typer
 
-from torchlinf.cli.outputs import INTERRUPTED, end_if_failed, fail
+from torchlinf.cli.outputs import INTERRUPTED, end_if_failed, fail, is_standard_output, say
 from torchlinf.scoring import Part, ScoreOptions, find_shards
 from torchlinf.scoring.ray import connected, score_shards
+
+# What is the name of a file rather than of a folder.
+FILES = (".csv", ".tsv", ".json", ".jsonl", ".ndjson", ".parquet", ".gz", ".xlsx")
 
 Progress = Callable[[int, int, bool], AbstractContextManager[Callable[[], None]]]
 
@@ -30,7 +33,7 @@ def score_on_ray(
         typer.BadParameter: there is no folder to write to, or no mask.
         typer.Exit: some masks failed (1), or all had to end (2).
     """
-    if out is None or out.suffix.lower() in (".csv", ".json", ".jsonl", ".parquet") or out.is_file():
+    if out is None or is_standard_output(out) or out.suffix.lower() in FILES or out.is_file():
         raise typer.BadParameter(
             f"--ray writes a folder of Parquet files; got {out}. Pass for example --out scores/", param_hint="--out"
         )
@@ -45,7 +48,7 @@ def score_on_ray(
                 parts.append(part)
                 advance()
     except KeyboardInterrupt:
-        typer.echo("Stopped; the same command goes on with the parts that are missing.", err=True)
+        say("Stopped; the same command goes on with the parts that are missing.")
         raise typer.Exit(INTERRUPTED) from None
     except ConnectionError as error:
         fail(f"Ray cannot be reached at {address} ({_first_line(error)}).")
@@ -55,7 +58,7 @@ def score_on_ray(
     except (ImportError, ValueError) as error:
         fail(_first_line(error))
     if before := sum(part.seconds == 0.0 for part in parts):
-        typer.echo(f"{before} of {len(parts)} parts were in {out} already.", err=True)
+        say(f"{before} of {len(parts)} parts were in {out} already.")
     end_if_failed(sum(part.failed for part in parts), sum(part.masks for part in parts))
 
 

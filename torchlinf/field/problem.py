@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchlinf._helpers.boxes import maxima
 from torchlinf._helpers.checks import positive, positive_tensor
 from torchlinf.field.distance import distance_of
 
@@ -36,7 +37,7 @@ class Problem:
 def pose(mask: Tensor, rho: float | Tensor | None, batch_shape: tuple[int, ...], compile: bool = False) -> Problem:
     """The problem of a checked mask, bool (N, *spatial), with the screening rho of the batch shape."""
     distance = distance_of(mask)
-    radius = distance.flatten(1).amax(dim=1)
+    radius = maxima(distance)
     length = radius.clamp(min=1).to(torch.float32 if mask.device.type == "mps" else torch.float64)
     if isinstance(rho, Tensor):
         length = positive_tensor(rho, batch_shape, "rho").to(length).reshape(-1)

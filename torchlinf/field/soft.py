@@ -10,7 +10,7 @@ import math
 import torch
 from torch import Tensor
 
-from torchlinf._helpers.checks import as_mask, count, positive, positive_tensor
+from torchlinf._helpers.checks import as_mask, count, plain, positive, positive_tensor
 from torchlinf.field.adjoint import attach_gradient
 from torchlinf.field.erosions import soft_distance_of
 from torchlinf.field.solution import FieldSolution, Status
@@ -54,7 +54,7 @@ def soft_chessboard_distance(probability: Tensor, *, spatial_ndim: int | None = 
         Tensor like `probability`, in pixels: on a binary mask exactly `chessboard_distance`, 0 where the probability is
         0, all zeros for an empty mask. Differentiable once, in memory that grows like the square root of the radius;
         neighbours that tie share the derivative, and pixels of probability 0 have none. float16 and bfloat16 are
-        computed in float32.
+        computed in float32. `torch.compile` breaks its graph here, so that `fullgraph=True` raises.
 
     Raises:
         TypeError: `probability` is no floating-point tensor.
@@ -96,7 +96,8 @@ def soft_linf_field(
         Tensor like `probability`, in [0, 1]; on a binary mask that is `linf_field` up to `tol`. All zeros for an empty
         mask; a full mask is a box. Differentiable once, with respect to `probability` and `rho`, by the implicit
         function theorem: one linear solve a slice. It is computed in float64 (float32 on devices without it), and
-        returned in the dtype of `probability`.
+        returned in the dtype of `probability`. `torch.compile` breaks its graph here, so that `fullgraph=True`
+        raises.
 
     Raises:
         TypeError: an argument is of the wrong type.
@@ -107,6 +108,7 @@ def soft_linf_field(
         >>> soft_linf_field(torch.ones(1, 1, 3, 4))[0, 0, 1]
         tensor([0.6923, 1.0000, 1.0000, 0.6923])
     """
+    plain(rho, "rho")
     shapes, batch_shape = as_probability(probability, spatial_ndim)
     number, tol = count(slices, "slices"), positive(tol, "tol")
     parts = []

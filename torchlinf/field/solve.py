@@ -1,9 +1,11 @@
 """The screened L-infinity field of a shape, solved to a certified relative error."""
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from torchlinf._helpers.checks import as_mask, choice, count, flag, positive, real_dtype
+from torchlinf._helpers.boxes import maxima
+from torchlinf._helpers.checks import as_mask, choice, count, flag, plain, positive, real_dtype
 from torchlinf.field.adjoint import attach_gradient
 from torchlinf.field.methods import METHODS, automatic
 from torchlinf.field.problem import Problem, pose
@@ -69,6 +71,7 @@ def solve_field(
         >>> bool(solution.error_bound <= 1e-9), torchlinf.Status(int(solution.status)).name
         (True, 'CONVERGED')
     """
+    plain(rho, "rho")
     shapes, batch_shape = as_mask(mask, spatial_ndim)
     if max_sweeps is not None:
         max_sweeps = count(max_sweeps, "max_sweeps")
@@ -125,6 +128,7 @@ def linf_field(
         >>> torchlinf.linf_field(torch.ones(1, 1, 3, 4))[0, 0, 1]
         tensor([0.6923, 1.0000, 1.0000, 0.6923], dtype=torch.float64)
     """
+    plain(rho, "rho")
     shapes, batch_shape = as_mask(mask, spatial_ndim)
     real_dtype(dtype)
     problem = pose(shapes, rho, batch_shape)
@@ -138,6 +142,9 @@ def linf_field(
 
 def normalised(value: Tensor) -> Tensor:
     """Each field (N, *spatial) divided by its maximum, 0 where that is 0."""
+    if value.device.type == "cpu" and not value.requires_grad:
+        tops = maxima(value).numpy().reshape(-1, *[1] * (value.ndim - 1))
+        return torch.from_numpy(value.numpy() / np.where(tops > 0, tops, 1))  # without OpenMP, see `for_each`
     top = largest(value).view(-1, *[1] * (value.ndim - 1))
     return value / torch.where(top > 0, top, 1)
 

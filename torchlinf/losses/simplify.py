@@ -406,11 +406,9 @@ def _grown(box: tuple[slice, ...], shape: tuple[int, ...]) -> tuple[slice, ...]:
 
 def _mean_over(levels: list[NDArray[np.float64]], owner: list[int], num_shapes: int, measure: Measure) -> Tensor:
     """The mean complexity of what belongs to each shape, NaN for none."""
-    radius = torch.tensor([len(values) for values in levels], dtype=torch.int64, device="cpu")
-    flat = torch.from_numpy(np.concatenate([np.zeros(0), *levels]))
-    means = mean_of_levels(flat, radius, measure.low, measure.high)
-    place = torch.tensor(owner, dtype=torch.int64, device="cpu")
-    total, number = torch.zeros((2, num_shapes), dtype=torch.float64, device="cpu")
-    total.index_add_(0, place, means)
-    number.index_add_(0, place, torch.ones_like(means))
-    return total / number
+    radius = np.array([len(values) for values in levels], np.int64)
+    means = mean_of_levels(np.concatenate([np.zeros(0), *levels]), radius, measure.low, measure.high)
+    number = np.bincount(owner, minlength=num_shapes) if owner else np.zeros(num_shapes, int)
+    total = np.bincount(owner, means, num_shapes) if owner else np.zeros(num_shapes)
+    found = np.full(num_shapes, np.nan)
+    return torch.from_numpy(np.divide(total, number, out=found, where=number > 0))

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import ceil
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -28,6 +28,7 @@ from torchlinf.measure.options import Measure
 CHUNK = 8  # shapes that a thread takes at a time: handing over one costs a tenth of solving a small one
 
 MaskAt = Callable[[int], NDArray[np.bool_]]
+Keep = Callable[[int, tuple[slice, ...], NDArray[np.float64], NDArray[np.int32]], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +77,7 @@ def solved_levels(
     field, error = solved.value, solved.error_bound
     values, bounds = level_values(field, problem.distance, radius, error, measure)
     for tol in _tighter(measure):
-        shape = torch.repeat_interleave(torch.arange(len(radius), device=radius.device), radius)
-        doubtful = shape[bounds > measure.tol_bits].unique()
+        doubtful = shape_of_level(radius)[bounds > measure.tol_bits].unique()
         if not len(doubtful):
             break
         finer = solve(problem.select(doubtful), (len(doubtful),), tol=tol, method=method, throw=False)
@@ -101,7 +101,9 @@ def _tighter(measure: Measure) -> Iterator[float]:
     yield 1e-300  # as far as floating point goes
 
 
-def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: Measure) -> Levels:
+def levels_of_each(
+    mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: Measure, keep: Keep | None = None
+) -> Levels:
     """The levels of `count` shapes that need not be of one size, on the CPU.
 
     Only the masks being worked on exist, one for each of torch's threads, and a shape costs its kernels and little
@@ -112,6 +114,8 @@ def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: 
         count: how many there are, the product of `lead`.
         lead: leading shape, for messages and for a `rho` with one value a shape.
         measure: how complexity is measured.
+        keep: called with the number of each shape that was solved, its box, and the field and the distance (on the
+            rims, for those) in it; on several threads. It needs the compiled kernels.
 
     Raises:
         RuntimeError: a field could not be certified.
@@ -128,7 +132,10 @@ def levels_of_each(mask_at: MaskAt, count: int, lead: tuple[int, ...], measure: 
         if not mask[box].size:
             return
         if has_compiler():
-            values[i], bounds[i], error[i], sweeps[i], status[i] = _by_kernels(mask[box], rhos(i), measure, check)
+            solved = _by_kernels(mask[box], rhos(i), measure, check)
+            values[i], bounds[i], error[i], sweeps[i], status[i] = solved[:5]
+            if keep is not None and status[i] == Status.CONVERGED:
+                keep(i, box, solved.field, solved.distance)
         else:
             alone = torch.from_numpy(np.ascontiguousarray(mask[box]))[None]
             found = levels_of(alone, (), replace(measure, rho=rhos(i)), "accelerated")
@@ -159,33 +166,48 @@ def _rho_of_each(measure: Measure, lead: tuple[int, ...]) -> Callable[[int], flo
     return given.__getitem__
 
 
-def _by_kernels(
-    mask: NDArray[np.bool_], rho: float | None, measure: Measure, check: Callable[[], None]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float, int, int]:
-    """Values and bounds of the levels, bound of the field, sweeps and status of one cropped shape."""
+class _Solved(NamedTuple):
+    """The solve of one shape: its levels, its error, and field and distance (on the rims, for those) in its box."""
+
+    values: NDArray[np.float64]
+    error_bound: NDArray[np.float64]
+    field_error_bound: float
+    sweeps: int
+    status: int
+    field: NDArray[np.float64]
+    distance: NDArray[np.int32]
+
+
+def _by_kernels(mask: NDArray[np.bool_], rho: float | None, measure: Measure, check: Callable[[], None]) -> _Solved:
+    """Solve one cropped shape."""
+    from torchlinf.kernels import grid
+
     solved = solve_shape(mask, rho, measure.tol, check)
-    values, bounds = refined_estimates(solved, measure)
-    return values, bounds, solved.bound, solved.sweeps(), int(solved.status)
+    number = numbers_of(solved.shape.distance, solved.shape.grid.strides, measure)
+    values, bounds = refined_estimates(solved, number, measure)
+    shape = solved.shape.grid.shape
+    within = grid.interior(len(shape))
+    field, distance = solved.v.reshape(shape)[within], number.reshape(shape)[within]
+    return _Solved(values, bounds, solved.bound, solved.sweeps(), int(solved.status), field, distance)
 
 
-def refined_estimates(solved: Any, measure: Measure) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def numbers_of(distance: NDArray[np.int32], strides: NDArray[np.int64], measure: Measure) -> NDArray[np.int32]:
+    """The level of each pixel of one shape, 0 for none; flat and padded."""
+    from torchlinf.kernels import histograms
+
+    return histograms.rim(distance, strides) if measure.levels == "rim" else distance
+
+
+def refined_estimates(
+    solved: Any, number: NDArray[np.int32], measure: Measure
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Values and bounds of the levels of what `solve_shape` gives, which is solved on while a level is in doubt."""
-    number = solved.shape.distance
-    if measure.levels == "rim":
-        number = rim_of(number, solved.shape.grid.strides)
     values, bounds = estimates(solved.v, number, solved.shape.radius, solved.bound, measure)
     for tol in _tighter(measure):
         if bounds.max() <= measure.tol_bits or not solved.refine(tol):
             break
         values, bounds = estimates(solved.v, number, solved.shape.radius, solved.bound, measure)
     return values, bounds
-
-
-def rim_of(distance: NDArray[np.int32], strides: NDArray[np.int64]) -> NDArray[np.int32]:
-    """`rim` of one shape, flat and padded."""
-    from torchlinf.kernels import histograms
-
-    return histograms.rim(distance, strides)
 
 
 def estimates(
@@ -241,8 +263,8 @@ def level_values(
     shape = inside.nonzero()[:, 0]  # (pixels,) the shape that each pixel of a level belongs to
     level = first_level(radius)[shape] + number[inside].long() - 1
     values, count = flat[inside] / peak[shape], int(radius.sum())
-    known = error + ROUNDING * peak.double() if flat.dtype == torch.float64 else error + 1e9 * ROUNDING * peak
-    of_level = torch.repeat_interleave(known, radius)
+    known = error + ROUNDING * peak * (torch.finfo(flat.dtype).eps / torch.finfo(torch.float64).eps)
+    of_level = known[shape_of_level(radius)]
     found = ESTIMATORS[measure.estimator](values, level, count, measure.bins)
     if measure.estimator == "std":
         return found, std_bounds(values, level, count, of_level)
@@ -266,6 +288,34 @@ def rim(distance: Tensor) -> Tensor:
         beside = torch.minimum(padded[..., 2:], padded[..., :-2]).movedim(-1, dim)
         lowest = torch.minimum(lowest, beside)
     return torch.where(lowest < distance, distance, 0)
+
+
+def numbered(radius: Tensor) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """For each entry of the flat list of levels its shape, and its level k.
+
+    Args:
+        radius: (N,) integers, the number of levels of each shape.
+
+    Returns:
+        Two (sum of radius,) arrays: by NumPy, which starts no threads of OpenMP, see `torchlinf._helpers.parallel`.
+
+    Example:
+        >>> numbered(torch.tensor([3, 0, 2]))
+        (array([0, 0, 0, 2, 2]), array([1, 2, 3, 1, 2]))
+    """
+    sizes = radius.numpy(force=True).astype(np.int64)
+    shape = np.repeat(np.arange(len(sizes)), sizes)
+    return shape, np.arange(1, len(shape) + 1) - (np.cumsum(sizes) - sizes)[shape]
+
+
+def shape_of_level(radius: Tensor) -> Tensor:
+    """The first of what `numbered` gives, as a tensor on the device of `radius`.
+
+    Example:
+        >>> shape_of_level(torch.tensor([3, 0, 2]))
+        tensor([0, 0, 0, 2, 2])
+    """
+    return torch.from_numpy(numbered(radius)[0]).to(radius.device)
 
 
 def first_level(radius: Tensor) -> Tensor:

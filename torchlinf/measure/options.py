@@ -15,7 +15,7 @@ from typing import Any, Literal, TypedDict, TypeVar
 
 from torch import Tensor
 
-from torchlinf._helpers.checks import choice, count, from_zero, positive, window
+from torchlinf._helpers.checks import choice, count, from_zero, plain, positive, window
 
 Estimator = Literal["entropy", "std"]
 LevelSets = Literal["distance", "rim"]
@@ -102,6 +102,7 @@ class Measure:
 
     def __post_init__(self) -> None:
         """Check every option; numbers become plain floats and ints."""
+        plain(self.rho, "rho")
         low, high = window(self.low, self.high)
         checked: dict[str, Any] = {"low": low, "high": high, "windows": _windows(self.windows, (low, high))}
         checked["estimator"] = choice(self.estimator, ESTIMATORS, "estimator")

@@ -2,13 +2,15 @@
 
 from typing import Unpack
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from torchlinf._helpers.checks import as_mask, choice, real_dtype
-from torchlinf.field import METHODS, normalised
-from torchlinf.measure.entropy import bin_of
-from torchlinf.measure.levels import first_level, rim, solved_levels
+from torchlinf.field import METHODS, normalised, uses_kernels
+from torchlinf.measure.entropy import EDGE_SLACK, bin_of
+from torchlinf.measure.levels import first_level, levels_of_each, numbered, rim, solved_levels
 from torchlinf.measure.options import Measure, WindowOptions, takes
 from torchlinf.measure.profile import length_within
 
@@ -71,20 +73,49 @@ def complexity_map(
     choice(method, ("auto", *METHODS), "method")
     real_dtype(dtype)
     shapes, lead = as_mask(mask, spatial_ndim)
-    problem, solution, levels = solved_levels(shapes, lead, measure, method)
+    if uses_kernels(shapes, method):
+        shares = torch.from_numpy(_by_kernels(shapes.numpy(), lead, measure))
+    else:
+        shares = _in_torch(shapes, lead, measure, method)
+    return shares.reshape(mask.shape).to(dtype or shares.dtype)
+
+
+def _by_kernels(masks: NDArray[np.bool_], lead: tuple[int, ...], measure: Measure) -> NDArray[np.float64]:
+    """The shares of the pixels of each shape (N, *spatial), several shapes at a time."""
+    shares = np.zeros(masks.shape)
+
+    def keep(i: int, box: tuple[slice, ...], field: NDArray[np.float64], distance: NDArray[np.int32]) -> None:
+        counted = distance > 0
+        level = distance[counted].astype(np.int64) - 1
+        bins = ((field[counted] / field.max()) * measure.bins + EDGE_SLACK).astype(np.int64)
+        cell = level * measure.bins + np.minimum(bins, measure.bins - 1)
+        _, number, count = np.unique(cell, return_inverse=True, return_counts=True)
+        size, radius = np.bincount(level), int(distance.max())
+        length = length_within(np.arange(1, radius + 1), np.array(radius), measure.low, measure.high)
+        weight = length / size / (measure.high - measure.low)
+        shares[i][box][counted] = np.log2(size[level] / count[number]) * weight[level]
+
+    radius = levels_of_each(masks.__getitem__, len(masks), lead, measure, keep).radius
+    shares[radius.numpy() == 0] = np.nan
+    return shares
+
+
+def _in_torch(masks: Tensor, lead: tuple[int, ...], measure: Measure, method: str) -> Tensor:
+    """The same in torch operations, all shapes at once."""
+    problem, solution, levels = solved_levels(masks, lead, measure, method)
     field, radius = normalised(solution), levels.radius
     distance = rim(problem.distance) if measure.levels == "rim" else problem.distance
     counted = distance > 0
     shape = counted.nonzero()[:, 0]  # (pixels,) the shape that each pixel of a level belongs to
     number = distance[counted].long()  # (pixels,) the level k that it is on
-    surprisal, size = level_surprisal(
-        field[counted], first_level(radius)[shape] + number - 1, int(radius.sum()), measure.bins
-    )
-    length = length_within(number, radius[shape].to(field), measure.low, measure.high)
+    level = first_level(radius)[shape] + number - 1
+    surprisal, size = level_surprisal(field[counted], level, int(radius.sum()), measure.bins)
+    of, k = numbered(radius)
+    length = torch.from_numpy(length_within(k, radius.numpy(force=True)[of], measure.low, measure.high)).to(field.dtype)
     shares = torch.zeros_like(field)
     shares[radius == 0] = torch.nan
-    shares[counted] = surprisal / size * length / (measure.high - measure.low)
-    return shares.reshape(mask.shape).to(dtype or field.dtype)
+    shares[counted] = surprisal / size * length.to(field.device)[level] / (measure.high - measure.low)
+    return shares
 
 
 def level_surprisal(values: Tensor, level: Tensor, num_levels: int, bins: int) -> tuple[Tensor, Tensor]:

@@ -6,14 +6,24 @@ from typing import Any, Unpack
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from torchlinf._helpers.checks import as_mask, choice, real_dtype, window
 from torchlinf.field import METHODS
-from torchlinf.measure.entropy import segment_sum
-from torchlinf.measure.levels import Levels, MaskAt, first_level, level_values, levels_of, levels_of_each
+from torchlinf.measure.levels import (
+    Levels,
+    MaskAt,
+    first_level,
+    level_values,
+    levels_of,
+    levels_of_each,
+    numbered,
+    shape_of_level,
+)
 from torchlinf.measure.options import LevelOptions, Measure, WindowOptions, takes
+
+UNIT = 2.0**55  # sums of levels are kept in steps of 1 / UNIT
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +105,7 @@ class ComplexityProfile:
         shapes = chosen.flatten()
         size = radius[shapes]
         entry = torch.arange(int(size.sum()), device=radius.device)
-        entry += torch.repeat_interleave(first_level(radius)[shapes] - first_level(size), size)
+        entry += (first_level(radius)[shapes] - first_level(size))[shape_of_level(size)]
         measure = self.measure
         if isinstance(measure.rho, Tensor):
             measure = replace(measure, rho=measure.rho.broadcast_to(lead)[index])
@@ -170,7 +180,8 @@ class ComplexityProfile:
 
     def _mean_of(self, of_levels: Tensor, low: float, high: float) -> Tensor:
         """Exact mean over the scales in (low, high] of one number a level."""
-        return self._lead(mean_of_levels(of_levels, self.radius.flatten(), low, high))
+        arrays = of_levels.numpy(force=True), self.radius.flatten().numpy(force=True)
+        return self._lead(mean_of_levels(*arrays, low, high))
 
     def peak(self) -> tuple[Tensor, Tensor]:
         """Largest level value and the scale it is reached at.
@@ -184,48 +195,40 @@ class ComplexityProfile:
             >>> torchlinf.complexity_profile(torchlinf.shapes.disc(8), spatial_ndim=2).peak()
             (tensor(1.2867, dtype=torch.float64), tensor(0.1667, dtype=torch.float64))
         """
-        radius = self.radius.flatten()
-        shape, number = _numbered(radius)
-        value = self.level_values.new_full(radius.shape, torch.nan)
-        value = value.scatter_reduce(0, shape, self.level_values, "amax", include_self=False)
+        shape, number = numbered(self.radius.flatten())
+        radius, levels = (x.numpy(force=True) for x in (self.radius.flatten(), self.level_values))
+        value, scale = np.full((2, len(radius)), np.nan)
+        value[radius > 0] = _reduced(np.maximum, levels, radius)
         # Levels that do not reach the maximum stand behind every level that does.
-        rank = torch.where(self.level_values == value[shape], number, number + radius[shape])
-        first = radius.scatter_reduce(0, shape, rank, "amin", include_self=False)
-        return self._lead(value), self._lead(first / radius.to(value))
+        rank = np.where(levels == value[shape], number, number + radius[shape])
+        scale[radius > 0] = _reduced(np.minimum, rank, radius) / radius[radius > 0]
+        return self._lead(value), self._lead(scale)
 
-    def _lead(self, flat: Tensor) -> Tensor:
-        return flat.reshape(self.radius.shape).to(self.values.dtype)
+    def _lead(self, flat: NDArray[np.float64]) -> Tensor:
+        return torch.from_numpy(flat).to(self.values.dtype).to(self.values.device).reshape(self.radius.shape)
 
 
-def mean_of_levels(of_levels: Tensor, radius: Tensor, low: float, high: float) -> Tensor:
-    """Exact mean over the scales in (low, high] of one number a level, for N shapes of these radii; NaN for radius 0.
+def mean_of_levels(
+    of_levels: NDArray[np.float64], radius: NDArray[np.int64], low: float, high: float
+) -> NDArray[np.float64]:
+    """Exact mean over the scales in (low, high] of one number a level, for N shapes; NaN for radius 0.
 
     Args:
         of_levels: (sum of radius,) the levels of all shapes one after the other.
-        radius: (N,) int64.
+        radius: (N,) how many each shape has.
         low: lower end of the window, excluded.
         high: upper end, included.
 
     Example:
-        >>> mean_of_levels(torch.tensor([1.0, 2.0, 5.0]), torch.tensor([2, 0, 1]), 0.0, 0.75)
-        tensor([1.3333,    nan, 5.0000])
+        >>> mean_of_levels(np.array([1.0, 2.0, 5.0]), np.array([2, 0, 1]), 0.0, 0.75).round(3)
+        array([1.333,   nan, 5.   ])
     """
-    shape, number = _numbered(radius)
-    size = radius.to(of_levels)[shape]  # (sum of radius,) the D that belongs to each level
-    overlap = length_within(number, size, low, high)
-    most = torch.full_like(radius, 32)  # no value exceeds 20 bits, and the lengths add up to 1
-    total = segment_sum(of_levels * overlap, shape, most) / (high - low)
-    return total.masked_fill(radius == 0, torch.nan)
-
-
-def _numbered(radius: Tensor) -> tuple[Tensor, Tensor]:
-    """For each level of all shapes the number of its shape, and its level k."""
-    # Not repeat_interleave, which starts OpenMP's threads at any size: a child process that is forked later, and
-    # calls it too, would wait for threads that it does not have.
-    ends = radius.cumsum(0)
-    passed = radius.new_zeros(int(radius.sum()) + 1).index_add(0, ends, torch.ones_like(ends))
-    shape = passed[:-1].cumsum(0)
-    return shape, torch.arange(1, len(shape) + 1, device=radius.device) - first_level(radius)[shape]
+    shape, number = numbered(torch.from_numpy(radius))
+    terms = of_levels * length_within(number, radius[shape], low, high)
+    # Summed as integers: no value exceeds 20 bits, and the lengths add up to 1.
+    found = np.full(len(radius), np.nan)
+    found[radius > 0] = _reduced(np.add, np.rint(terms * UNIT).astype(np.int64), radius) / UNIT / (high - low)
+    return found
 
 
 @takes(LevelOptions)
@@ -406,10 +409,10 @@ def profile_of_levels(
 
 def at_scales(found: Tensor, radius: Tensor, scales: Tensor) -> Tensor:
     """Look up level k = ceil(t D) of each shape for each scale t: (N, L), NaN where the radius is 0."""
-    size = radius[:, None]  # (N, 1)
-    level = torch.minimum((scales * size).ceil().long().clamp(min=1), size)  # (N, L)
-    position = torch.where(size > 0, first_level(radius)[:, None] + level - 1, len(found))
-    return torch.cat([found, found.new_full((1,), torch.nan)])[position]
+    size = radius.numpy(force=True)[:, None]  # (N, 1)
+    level = np.clip(np.ceil(scales.numpy(force=True) * size).astype(np.int64), 1, np.maximum(size, 1))  # (N, L)
+    position = np.where(size > 0, np.cumsum(size)[:, None] - size + level - 1, len(found))
+    return torch.from_numpy(np.append(found.numpy(force=True), np.nan)[position]).to(found)
 
 
 def scale_grid(scales: Tensor | ArrayLike | None) -> tuple[Tensor, Tensor]:
@@ -441,23 +444,30 @@ def scale_grid(scales: Tensor | ArrayLike | None) -> tuple[Tensor, Tensor]:
     return scales, (scales * (0.51 * eps)).clamp(min=1e-9)
 
 
-def length_within(level: Tensor, radius: Tensor, low: float, high: float) -> Tensor:
+def length_within(level: NDArray[np.int64], radius: NDArray[np.int64], low: float, high: float) -> NDArray[np.float64]:
     """Length of the scales in (low, high] that belong to a level: of ((k-1)/D, k/D] ∩ (low, high].
 
     Args:
         level: k, any shape.
-        radius: D, floating point, broadcast with it.
+        radius: D, broadcast with it.
         low: lower end of the window.
         high: its upper end.
 
     Returns:
-        Tensor of the dtype of `radius`, in [0, 1/D].
+        Array in [0, 1/D].
 
     Example:
-        >>> length_within(torch.arange(1, 5), torch.tensor(4.0), 0.375, 1.0)
-        tensor([0.0000, 0.1250, 0.2500, 0.2500])
+        >>> length_within(np.arange(1, 5), np.array(4), 0.375, 1.0)
+        array([0.   , 0.125, 0.25 , 0.25 ])
     """
-    return ((level / radius).clamp(max=high) - ((level - 1) / radius).clamp(min=low)).clamp(min=0.0)
+    length: NDArray[np.float64] = np.minimum(level / radius, high) - np.maximum((level - 1) / radius, low)
+    return length.clip(min=0)
+
+
+def _reduced(function: np.ufunc, of_levels: NDArray[Any], radius: NDArray[np.int64]) -> NDArray[Any]:
+    """One number for each shape that is not empty, from all of its levels."""
+    sizes = radius[radius > 0]
+    return function.reduceat(of_levels, np.cumsum(sizes) - sizes) if len(sizes) else of_levels[:0]
 
 
 def _nest(parts: Sequence[Tensor], lead: tuple[int, ...]) -> list[Any] | Tensor:

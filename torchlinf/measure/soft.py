@@ -64,7 +64,7 @@ def soft_complexity(
         Tensor of the leading shape and the dtype of `probability`, in bits or shares of the field's maximum. 0 for an
         empty mask, which is not a simple shape: count such masks apart. At most 1e-3 on shapes of complexity 0.
         Differentiable once with respect to `probability` and `rho`, in memory of the order of the pixels, whatever the
-        radius and the bandwidth.
+        radius and the bandwidth. `torch.compile` breaks its graph here, so that `fullgraph=True` raises.
 
     Raises:
         TypeError: an argument is of the wrong type.

@@ -20,7 +20,7 @@ from torchlinf.field import ROUNDING, Status, raise_failures, solve_locally, sol
 from torchlinf.kernels import has_compiler
 from torchlinf.kernels.grid import row_strides
 from torchlinf.measure.entropy import EDGE_SLACK
-from torchlinf.measure.levels import estimates, levels_of_each, refined_estimates, rim_of
+from torchlinf.measure.levels import estimates, levels_of_each, numbers_of, refined_estimates
 from torchlinf.measure.options import Measure
 from torchlinf.measure.profile import mean_of_levels
 
@@ -115,7 +115,8 @@ class SolvedShape:
         if solved.status != Status.CONVERGED:
             status, bound, sweeps = (torch.tensor([x]) for x in (int(solved.status), solved.bound, solved.sweeps()))
             raise_failures(status, bound, sweeps, self._measure.tol, ())
-        return SolvedLevels(*refined_estimates(solved, self._measure), solved.bound, False)
+        number = numbers_of(solved.shape.distance, solved.shape.grid.strides, self._measure)
+        return SolvedLevels(*refined_estimates(solved, number, self._measure), solved.bound, False)
 
     def _adopt(self, solved: Any) -> None:
         """Take over a solve of the shape as it is, and count the histograms if they are few enough."""
@@ -219,8 +220,7 @@ class SolvedShape:
 
     def _numbers(self) -> NDArray[np.int32]:
         """The level of each pixel, 0 for none."""
-        distance: NDArray[np.int32] = self._field.distance
-        return rim_of(distance, self._strides) if self._measure.levels == "rim" else distance
+        return numbers_of(self._field.distance, self._strides, self._measure)
 
 
 def complexities_after_flips(
@@ -265,9 +265,10 @@ def complexities_after_flips(
         for i in range(len(masks))
     ]
     flat = [values for of_shape in found for values in of_shape]
-    radius = torch.tensor([len(values) for values in flat], dtype=torch.int64, device="cpu")
-    means = mean_of_levels(torch.from_numpy(np.concatenate([np.zeros(0), *flat])), radius, measure.low, measure.high)
-    return [(part[0].item(), part[1:].numpy()) for part in means.split([len(of_shape) for of_shape in found])]
+    radius = np.array([len(values) for values in flat], np.int64)
+    means = mean_of_levels(np.concatenate([np.zeros(0), *flat]), radius, measure.low, measure.high)
+    ends = np.cumsum([len(of_shape) for of_shape in found])
+    return [(float(part[0]), part[1:]) for part in np.split(means, ends[:-1])] if found else []
 
 
 def _levels_after(

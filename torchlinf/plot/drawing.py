@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchlinf._helpers.extras import require
+from torchlinf._helpers.terminal import printable
 from torchlinf.measure import ComplexityProfile, Measure
 
 if TYPE_CHECKING:
@@ -137,9 +138,15 @@ def draw_legend(ax: "Axes", reverse: bool = False) -> None:
 
 
 def shorten(name: str, longest: int = 24) -> str:
-    """Cut a long name at the front: the end of a path tells more than its beginning.
+    r"""A name as text in a figure, where no character of it has a meaning, cut at the front if it is long.
 
-    >>> shorten("silhouettes/animals/horse-17.png", longest=14)
-    '…/horse-17.png'
+    The end of a path tells more than its beginning.
+
+    >>> shorten("silhouettes/animals/horse-17.png", longest=14), shorten("$a$")
+    ('…/horse-17.png', '\\$a\\$')
     """
-    return name if len(name) <= longest else "…" + name[1 - longest :]
+    name = printable(name)
+    name = name if len(name) <= longest else "…" + name[1 - longest :]
+    # Between two dollar signs matplotlib reads formulas; a legend leaves out names that begin with an underscore.
+    shown = name.replace("$", r"\$")
+    return f" {shown}" if shown.startswith("_") else shown

@@ -2,6 +2,7 @@
 
 import base64
 import os
+import re
 from collections.abc import Callable, Iterable, Set
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -112,9 +113,9 @@ class MaskReader:
         """The mask of this name: a file, or after a colon one of those in it."""
         if "\0" in path:
             raise UnreadableMaskError("no such file")
-        whole = self.folder / path
-        if os.path.isfile(whole):
-            return Source(whole)
+        for name in (path, _bytes_of_escapes(path)):
+            if os.path.isfile(self.folder / name):
+                return Source(self.folder / name)
         for colon in (i for i, letter in enumerate(path) if letter == ":"):
             file, member = self.folder / path[:colon], path[colon + 1 :]
             if os.path.isfile(file):
@@ -124,6 +125,11 @@ class MaskReader:
                 if member in self._found[file]:
                     return self._found[file][member]
         raise UnreadableMaskError("no such file")
+
+
+def _bytes_of_escapes(path: str) -> str:
+    """The name of a file as the system has it, if the table has bytes of it that are no UTF-8 as escapes."""
+    return re.sub(r"\\x([89a-f][0-9a-f])", lambda match: chr(0xDC00 + int(match[1], 16)), path)
 
 
 def changed(mask: NDArray[np.bool_], row: Row) -> str:

@@ -18,6 +18,7 @@ from .rows import COLUMNS as COLUMNS
 from .rows import WINDOWS as WINDOWS
 from .rows import NoTableError as NoTableError
 from .rows import Score as Score
+from .rows import csv_line as csv_line
 from .score import error_text as error_text
 from .score import profile_source as profile_source
 from .score import score_groups as score_groups
@@ -30,6 +31,8 @@ from .shards import find_shards as find_shards
 from .sources import Source as Source
 from .sources import find_masks as find_masks
 from .summary import print_table as print_table
+from .table_files import STANDARD_OUTPUT as STANDARD_OUTPUT
+from .table_files import table_format as table_format
 from .tables import open_table as open_table
 from .tables import read_table as read_table
 from .tables import write_table as write_table

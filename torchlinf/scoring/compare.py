@@ -1,21 +1,21 @@
 """Two tables of scores, of the old and the new masks of one data set: which masks are in both, and what changed."""
 
-import csv
 import os
 import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from pathlib import Path, PurePath
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf.scoring.atomic_write import replace_file
 from torchlinf.scoring.rows import KINDS, WINDOWS, Score, columns
 from torchlinf.scoring.summary import common_folder
+from torchlinf.scoring.table_files import write_lines
 
 Join = Literal["path", "folder", "name", "stem"]
 COMPARED = "compared"
@@ -137,17 +137,18 @@ def compare_scores(
 def write_pairs(path: Path, pairs: Iterable[Pair]) -> None:
     """Write pairs as CSV: mask, status, old, new, change.
 
+    Args:
+        path: the file: .csv or .tsv, also with .gz behind; "-" for standard output.
+        pairs: those of a `Comparison`.
+
     Raises:
         OSError: the file cannot be written; what was there before still is.
     """
-
-    def write(temporary: Path) -> None:
-        with temporary.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(["mask", "status", "old", "new", "change"])
-            writer.writerows([pair.mask, pair.status, pair.old, pair.new, pair.change] for pair in pairs)
-
-    replace_file(path, write)
+    cells = chain(
+        [("mask", "status", "old", "new", "change")],
+        ((pair.mask, pair.status, pair.old, pair.new, pair.change) for pair in pairs),
+    )
+    write_lines(path, cells)
 
 
 def numeric_columns(rows: Iterable[Score]) -> list[str]:

@@ -19,7 +19,7 @@ class InMemory:
 
     Attributes:
         content: bytes of a file, or an array.
-        spatial_ndim: dimensions that an array must have, but for leading axes of length 1.
+        spatial_ndim: dimensions that an array must have, but for axes of length 1 before and behind them.
     """
 
     content: Any
@@ -45,8 +45,8 @@ def values_in_memory(mask: InMemory, max_pixels: int) -> Values:
     if array.dtype.kind not in "buif":
         raise UnreadableMaskError(f"an array must be bool, integer or floating point; got {array.dtype}")
     whole = array.shape
-    while array.ndim > mask.spatial_ndim and array.shape[0] == 1:
-        array = array[0]
+    while array.ndim > mask.spatial_ndim and 1 in (array.shape[0], array.shape[-1]):
+        array = array[0] if array.shape[0] == 1 else array[..., 0]
     if array.ndim != mask.spatial_ndim or array.size == 0:
         wanted = "(H, W)" if mask.spatial_ndim == 2 else "(D, H, W)"
         raise UnreadableMaskError(

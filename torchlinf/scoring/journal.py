@@ -2,18 +2,42 @@
 
 A row is appended to the journal as soon as there is one, and the table is made of it at the end, in one piece. So a
 run that ends early, however it ends, loses no row, and the next one goes on from the journal.
+
+A line is a row, as a JSON object with a path. Several rows of one source, such as those of a label map, stand on one
+line, as {"rows": [...], "instead_of": [...]}: a line that was cut off is dropped as a whole, so that no source is left
+half done.
 """
 
 import io
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Self
+from typing import Any, NamedTuple, Self
 
-from torchlinf.scoring.rows import NoTableError, Score, from_json, json_line
+from torchlinf.scoring.rows import NoTableError, Score, from_cells, json_line
 
 JOURNAL = ".part"  # what the name of the table is followed by
+
+
+class Group(NamedTuple):
+    """Rows of one source.
+
+    Attributes:
+        rows: all of them.
+        instead_of: paths of earlier rows that are no longer true, beside those that `rows` have.
+    """
+
+    rows: tuple[Score, ...]
+    instead_of: tuple[str, ...] = ()
+
+
+def rows_of_line(cells: Any) -> list[Any]:
+    """The rows, as cells, of a line that has been parsed."""
+    if isinstance(cells, dict) and "path" not in cells and isinstance(cells.get("rows"), list):
+        return list(cells["rows"])
+    return [cells]
 
 
 class Journal:
@@ -38,8 +62,8 @@ class Journal:
             self._file.close()
             raise
 
-    def rows(self) -> Iterator[Score]:
-        """The rows in the journal; an incomplete last line is dropped from the file.
+    def groups(self) -> Iterator[Group]:
+        """What is in the journal, line by line; an incomplete last line is dropped from the file.
 
         Raises:
             NoTableError: a line is not a row.
@@ -50,20 +74,26 @@ class Journal:
                 if not line.endswith(b"\n"):
                     break
                 try:
-                    yield from_json(line.decode())
+                    yield _group(json.loads(line))
                 except ValueError as error:
                     raise NoTableError(f"line {number} of its journal {self._path} is not a row ({error})") from error
                 size += len(line)
         if size < os.fstat(self._file.fileno()).st_size:
             self._file.truncate(size)
 
-    def append(self, *rows: Score) -> None:
-        """Append rows, all of one source, in one write; if they cannot be written in full, none is.
+    def append(self, *rows: Score, instead_of: Sequence[str] = ()) -> None:
+        """Append rows, all of one source, in one line; if they cannot be written in full, none is.
+
+        Args:
+            rows: any number.
+            instead_of: paths of earlier rows that these replace, beside those of the same paths.
 
         Raises:
             OSError: it cannot be written, for example because the disk is full.
         """
-        data, written = "".join(map(json_line, rows)).encode(), 0
+        if not rows and not instead_of:
+            return
+        data, written = _line(rows, instead_of).encode(), 0
         try:
             while written < len(data):
                 written += self._file.write(data[written:])
@@ -89,6 +119,21 @@ class Journal:
             with suppress(OSError):
                 self._path.unlink()
         self._file.close()
+
+
+def _line(rows: Sequence[Score], instead_of: Sequence[str]) -> str:
+    if len(rows) == 1 and not instead_of:
+        return json_line(rows[0])
+    group = {"rows": [row.cells() for row in rows], "instead_of": list(instead_of)}
+    return json.dumps(group, allow_nan=False) + "\n"
+
+
+def _group(cells: Any) -> Group:
+    rows = rows_of_line(cells)
+    if not all(isinstance(one, dict) for one in rows):
+        raise ValueError("it is not an object")
+    instead_of = () if "path" in cells else cells["instead_of"]
+    return Group(tuple(map(from_cells, rows)), tuple(instead_of))
 
 
 def _lock(file: io.FileIO, path: Path) -> None:

@@ -34,6 +34,8 @@ def score_measure(options: Mapping[str, Any], *, windows: Mapping[str, tuple[flo
             raise ValueError(
                 f"windows must have names that no other column has; got {name!r}. Pass another name, such as 'fine'."
             )
+        if not name.isprintable():  # it is the title of a column
+            raise ValueError(f"windows must have printable names; got {name!r}. Pass another name, such as 'fine'.")
     return measure
 
 

@@ -1,12 +1,12 @@
 """Tables as Parquet files. Needs the extra `parquet` (pyarrow)."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from torchlinf._helpers.extras import require
-from torchlinf.scoring.rows import KINDS, NoTableError, Score, window_columns
+from torchlinf.scoring.rows import KINDS, NoTableError, Score
 
 if TYPE_CHECKING:
     import pyarrow
@@ -46,21 +46,27 @@ def write(path: Path, rows: Iterable[Score], columns: Sequence[str]) -> None:
             writer.write_table(table(part, columns))
 
 
-def read(path: Path) -> Iterator[Score]:
-    """The rows of a Parquet file.
+def read_cells(path: Path, check: Callable[[tuple[str, ...]], None]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """The cells of each row of a Parquet file by the names of the columns, with where they are.
+
+    Args:
+        path: the file.
+        check: called with the names of the columns; may raise a NoTableError.
 
     Raises:
         OSError: it cannot be read.
-        NoTableError: it is not a table of `torchlinf score`.
+        NoTableError: it is not a Parquet file.
     """
     require_pyarrow()
     import pyarrow.parquet
 
+    number = 0
     try:
         with pyarrow.parquet.ParquetFile(path) as file:
-            window_columns(file.schema_arrow.names)
+            check(tuple(file.schema_arrow.names))
             # pyarrow 18 and 19 fail on a file without row groups.
             for batch in file.iter_batches(ROWS) if file.num_row_groups else ():
-                yield from map(Score.of, batch.to_pylist())
-    except pyarrow.ArrowInvalid as error:
+                for cells in batch.to_pylist():
+                    yield f"row {(number := number + 1)}", cells
+    except pyarrow.ArrowException as error:
         raise NoTableError(f"it is not a Parquet file, or a damaged one ({error})") from error

@@ -57,8 +57,8 @@ class ScoreMasks:
         volume: arrays of three axes, and TIFFs of several pages, are volumes (D, H, W).
         labels: a row for each label of a map but 0, named with the label behind: "map.png#15".
         stack: arrays of three axes, and TIFFs of several pages, are masks (N, H, W), each with a row: "stack.npy[0]".
-        spatial_ndim: dimensions of an array, 2 or 3, but for leading axes of length 1. Images with colours, (H, W, 3),
-            are so told from volumes.
+        spatial_ndim: dimensions of an array, 2 or 3, but for axes of length 1 before and behind them. Images with
+            colours, (H, W, 3), are so told from volumes.
         {measure options}
 
     Returns:

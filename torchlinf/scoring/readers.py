@@ -5,7 +5,6 @@ Everything is judged by its header before memory is taken for it: a few hundred 
 
 import stat
 import zipfile
-from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import IO, TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf.scoring.byte_ranges import ByteRange, open_range
+from torchlinf.scoring.open_image import open_image
 from torchlinf.scoring.tiff import read_tiff
 from torchlinf.scoring.values import (
     UnreadableMaskError,
@@ -133,13 +133,11 @@ def _parse_npy(file: IO[bytes], max_pixels: int) -> NDArray[Any]:
 
 
 def _read_image(file: IO[bytes], suffix: str, max_pixels: int) -> Values:
-    from PIL import Image, UnidentifiedImageError
+    from PIL import UnidentifiedImageError
 
-    for name in PILLOW_FORMATS:  # if one is missing, Pillow loads all of the forty others as well
-        import_module(f"PIL.{name.title()}ImagePlugin")
     bits, is_coloured = _png_depth(file)
     try:
-        with Image.open(file, formats=PILLOW_FORMATS) as image:
+        with open_image(file, PILLOW_FORMATS) as image:
             require_size((image.height, image.width), max_pixels)
             if bits == 16 and is_coloured:
                 raise UnreadableMaskError(

@@ -3,9 +3,12 @@
 import csv
 import io
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
+from functools import lru_cache
 from typing import Any, get_args, get_type_hints
+
+from torchlinf.scoring.cells import guarded, number_value, text_value
 
 # The windows of scales that a table of scores has if the caller names none: all scales, fine ones, coarse ones.
 WINDOWS: Mapping[str, tuple[float, float]] = {
@@ -120,30 +123,53 @@ KINDS: Mapping[str, Any] = {
 }
 
 
-def window_columns(names: Sequence[str]) -> tuple[str, ...]:
-    """Which of the columns of a table are windows of scales.
+def window_columns(names: tuple[str, ...], settings: str | None = None) -> tuple[str, ...]:
+    """Which columns of a table are windows of scales. The table may have columns that others have added, or lack some.
+
+    Args:
+        names: of all columns.
+        settings: the row's cell of the column `measure`, which names the windows.
 
     Raises:
-        NoTableError: they are not the columns of a table of scores.
+        NoTableError: there is no column of paths, or none of complexity.
 
     >>> window_columns(COLUMNS)
     ('complexity', 'complexity_low', 'complexity_high')
+    >>> window_columns(("path", "note", "complexity"))
+    ('complexity',)
     """
-    windows = tuple(name for name in names if name not in KINDS)
-    if columns(windows) != tuple(names):
-        raise NoTableError("its columns are not those of a table of scores of this version")
-    return windows
+    if "path" not in names:
+        raise NoTableError("it has no column path")
+    others = [name for name in names if name not in KINDS]
+    found = tuple(name for name in _windows_in(settings) if name in others)
+    if not found and columns(others) == names:  # as it was written
+        return tuple(others)
+    found = found or tuple(name for name in WINDOWS if name in others)
+    if not found:
+        raise NoTableError("its columns are not those of a table of scores: none of them is a complexity")
+    return found
 
 
-def csv_line(cells: Iterable[Any]) -> str:
-    r"""Cells as a line of CSV: an empty cell for None, numbers in full precision.
+@lru_cache
+def _windows_in(settings: str | None) -> tuple[str, ...]:
+    """The names of the windows in a cell of the column `measure`; empty if the cell is not as it was written."""
+    try:
+        windows = json.loads(settings or "")["windows"]
+    except (ValueError, KeyError, TypeError):
+        return ()
+    return ("complexity",) if windows is None else tuple(windows) if isinstance(windows, dict) else ()
 
-    >>> csv_line(["a,b.png", 3, None, 0.1])
-    '"a,b.png",3,,0.1\n'
+
+def csv_line(cells: Iterable[Any], *, delimiter: str = ",") -> str:
+    r"""Cells as a line of CSV: an empty cell for None, numbers in full precision, texts safe in a spreadsheet.
+
+    >>> csv_line(["a,b.png", 3, None, -0.1, "-a"])
+    '"a,b.png",3,,-0.1,\'-a\n'
     """
     text = io.StringIO()
     # Before Python 3.13 a carriage return in a cell is quoted only if it ends lines too.
-    csv.writer(text, lineterminator="\r\n").writerow(cells)
+    writer = csv.writer(text, delimiter=delimiter, lineterminator="\r\n")
+    writer.writerow([guarded(cell) if isinstance(cell, str) else cell for cell in cells])
     return text.getvalue().removesuffix("\r\n") + "\n"
 
 
@@ -156,24 +182,21 @@ def json_line(row: Score) -> str:
     return json.dumps(row.cells(), allow_nan=False) + "\n"
 
 
-def from_csv(names: Sequence[str], cells: Sequence[str]) -> Score:
-    """The row of a line of CSV, which has been split into cells.
+def from_cells(cells: Mapping[str, Any]) -> Score:
+    """The row of cells by the names of their columns. Columns that others have added are passed over.
 
     Raises:
-        ValueError: there are more or fewer cells than columns, or a cell is not of the kind of its column.
+        NoTableError: the columns are not those of a table of scores.
+        ValueError: a cell is not of the kind of its column.
+
+    >>> from_cells({"path": "a.png", "height": 31.0, "complexity": float("nan"), "note": "mine"}).height
+    31
     """
-    named = zip(names, cells, strict=True)
-    return Score.of({name: None if cell == "" else KINDS.get(name, float)(cell) for name, cell in named})
-
-
-def from_json(line: str) -> Score:
-    """The row of a line of JSON.
-
-    Raises:
-        ValueError: the line is not JSON, or not a row of a table of scores.
-    """
-    cells = json.loads(line)
-    if not isinstance(cells, dict) or not isinstance(cells.get("path"), str):
-        raise ValueError("it is not an object with a path")
-    window_columns(tuple(cells))
-    return Score.of(cells)
+    settings = cells.get("measure")
+    windows = window_columns(tuple(cells), settings if isinstance(settings, str) else None)
+    own: dict[str, Any] = {
+        name: text_value(name, cells[name]) if kind is str else number_value(name, kind, cells[name])
+        for name, kind in KINDS.items()
+        if name in cells
+    }
+    return Score(**own, values={name: number_value(name, float, cells[name]) for name in windows})

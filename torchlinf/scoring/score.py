@@ -1,5 +1,6 @@
 """Masks in files and archives in, one row of numbers a mask out. A bad mask gives a row with an error."""
 
+import os
 import time
 from collections.abc import Collection, Generator, Iterable
 from contextlib import closing
@@ -11,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf import __version__
+from torchlinf._helpers.axes import image_shape
 from torchlinf._helpers.boxes import bounding_box
+from torchlinf._helpers.checks import number_of_axes
 from torchlinf.measure import ComplexityProfile, Measure, MeasureOptions, ragged_profile, takes
 from torchlinf.scoring.mask_rules import MAX_PIXELS, Found, read_all, read_inside
 from torchlinf.scoring.options import ScoreOptions, score_measure
@@ -26,11 +29,15 @@ NOT_OF_A_MASK = ("path", "seconds", "inside", "label", "category", "image", "ver
 
 
 @takes(MeasureOptions, windows=WINDOWS)
-def score_mask(inside: NDArray[np.bool_], **options: Unpack[MeasureOptions]) -> dict[str, Any]:
+def score_mask(
+    inside: NDArray[np.bool_], *, spatial_ndim: int | None = None, **options: Unpack[MeasureOptions]
+) -> dict[str, Any]:
     """Numbers of one mask, by the names of the columns of a table.
 
     Args:
-        inside: bool (H, W) or (D, H, W), True inside; beyond the array is outside.
+        inside: bool (H, W), True inside; beyond the array is outside. Axes of length 1 before and behind it
+            are dropped.
+        spatial_ndim: 3 for a volume (D, H, W). None means an image; then three axes raise, since they may be a stack.
         {measure options}
 
     Returns:
@@ -40,7 +47,7 @@ def score_mask(inside: NDArray[np.bool_], **options: Unpack[MeasureOptions]) -> 
 
     Raises:
         TypeError: an option is of the wrong type; `rho` must be None or one number.
-        ValueError: an option has a wrong value.
+        ValueError: an option has a wrong value, or `spatial_ndim` does not explain the axes of `inside`.
         RuntimeError: the field could not be solved to `tol`.
 
     Example:
@@ -48,6 +55,8 @@ def score_mask(inside: NDArray[np.bool_], **options: Unpack[MeasureOptions]) -> 
         >>> row["pixels"], row["radius"], row["components"], row["complexity"]
         (24, 2, 1, 0.0)
     """
+    axes = None if spatial_ndim is None else number_of_axes(spatial_ndim)
+    inside = inside.reshape(image_shape(inside.shape, axes, "inside"))
     row = _numbers(inside, score_measure(options)).cells()
     return {name: value for name, value in row.items() if name not in NOT_OF_A_MASK}
 
@@ -160,6 +169,8 @@ def score_groups(
     sources: Iterable[Source], options: ScoreOptions, *, workers: int = 1, isolated: bool = False
 ) -> Generator[list[Score]]:
     """As `score_each`, with the rows of a source in one list."""
+    if isinstance(sources, str | os.PathLike | Source):
+        raise TypeError(f"sources must be what find_masks found; got {sources!r}. Pass find_masks(paths).")
     return in_order(
         partial(score_rows, options=options),
         sources,

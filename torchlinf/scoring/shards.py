@@ -18,7 +18,7 @@ from torchlinf.scoring.atomic_write import replace_file
 from torchlinf.scoring.options import ScoreOptions
 from torchlinf.scoring.rows import Score
 from torchlinf.scoring.score import blank_row, score_groups
-from torchlinf.scoring.sources import Source, find_files, open_file
+from torchlinf.scoring.sources import AnyPath, Source, find_files, open_file
 from torchlinf.scoring.tables import write_table
 
 ARCHIVES = (".tar", ".json")
@@ -72,18 +72,19 @@ class Part:
     seconds: float = 0.0
 
 
-def find_shards(paths: Iterable[str | os.PathLike[str]], *, files: int = FILES) -> list[Shard]:
+def find_shards(paths: AnyPath | Iterable[AnyPath], *, files: int = FILES) -> list[Shard]:
     """Find what there is to score, in pieces for workers. No file is opened.
 
     Args:
-        paths: files, folders and patterns, as in `find_masks`.
+        paths: one path, or several: files, folders and patterns, as in `find_masks`.
         files: how many single files make a shard. A tar archive or a COCO file is one shard, whatever it holds.
 
     Returns:
         Shards, each once.
 
     Raises:
-        ValueError: `files` is less than 1.
+        TypeError: a path is neither text nor a path.
+        ValueError: `files` is less than 1, or a path is empty text.
     """
     if files < 1:
         raise ValueError(f"files must be 1 or more; got {files}. Pass for example {FILES}.")

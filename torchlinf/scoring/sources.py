@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from glob import has_magic, iglob
 from pathlib import Path
+from typing import TypeAlias
 
 from torchlinf.scoring.archives import tar_masks
 from torchlinf.scoring.byte_ranges import ByteRange
@@ -14,6 +15,8 @@ from torchlinf.scoring.coco import Outline, Segment, coco_masks
 from torchlinf.scoring.in_memory import InMemory
 from torchlinf.scoring.readers import SUFFIXES, arrays_in
 from torchlinf.scoring.values import UnreadableMaskError
+
+AnyPath: TypeAlias = str | os.PathLike[str]
 
 
 @dataclass(frozen=True)
@@ -44,13 +47,13 @@ class Source:
         return _text(self.path) if self.member is None else f"{_text(self.path)}:{_text(self.member)}"
 
 
-def find_masks(paths: Iterable[str | os.PathLike[str]], *, members: str | None = None) -> list[Source]:
+def find_masks(paths: AnyPath | Iterable[AnyPath], *, members: str | None = None) -> list[Source]:
     """Find the masks that paths stand for.
 
     Args:
-        paths: files, taken whatever their name; folders, searched through for files of a known suffix; and patterns
-            such as `masks/**/*.png`, where no file has that very name. Hidden files and folders are left out, links are
-            followed, and a folder that is reached twice is read once.
+        paths: one path, or several: files, taken whatever their name; folders, searched through for files of a known
+            suffix; and patterns such as `masks/**/*.png`, where no file has that very name. Hidden files and folders
+            are left out, links are followed, and a folder that is reached twice is read once.
         members: which members of tar archives are masks, as a pattern such as `*.mask.png`; None takes all with a
             suffix of a mask.
 
@@ -60,16 +63,18 @@ def find_masks(paths: Iterable[str | os.PathLike[str]], *, members: str | None =
         an error.
 
     Raises:
+        TypeError: a path is neither text nor a path.
+        ValueError: a path is empty text.
         ImportError: there are COCO files, and pycocotools is not installed.
     """
-    sources = (source for path in paths for file in _files(Path(path)) for source in open_file(file, members))
+    sources = (source for path in _as_paths(paths) for file in _files(path) for source in open_file(file, members))
     return list({source.name: source for source in sources}.values())
 
 
-def find_files(paths: Iterable[str | os.PathLike[str]]) -> Iterator[Source]:
+def find_files(paths: AnyPath | Iterable[AnyPath]) -> Iterator[Source]:
     """Find the files that paths stand for, without looking into them: archives stay whole."""
-    for path in paths:
-        yield from _files(Path(path))
+    for path in _as_paths(paths):
+        yield from _files(path)
 
 
 def open_file(file: Source, members: str | None = None) -> Iterator[Source]:
@@ -92,6 +97,16 @@ def open_file(file: Source, members: str | None = None) -> Iterator[Source]:
         return
     arrays = _arrays(file.path) if suffix == ".npz" and is_file else []
     yield from (Source(file.path, name) for name in arrays) if len(arrays) > 1 else [file]
+
+
+def _as_paths(paths: AnyPath | Iterable[AnyPath]) -> Iterator[Path]:
+    """One path or several; a text is one path, not a list of letters."""
+    for path in [paths] if isinstance(paths, str | os.PathLike) else paths:
+        if not isinstance(path, str | os.PathLike):
+            raise TypeError(f"paths must be a path or several; got {path!r}. Pass for example 'masks/'.")
+        if path == "":  # Path would make the current folder of it
+            raise ValueError("paths must not be empty; got ''. Pass '.' for the current folder.")
+        yield Path(path)
 
 
 def _files(path: Path) -> Iterable[Source]:

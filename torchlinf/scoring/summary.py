@@ -4,36 +4,45 @@ import json
 import os
 from collections.abc import Sequence
 
+from torchlinf._helpers.terminal import names_table, printable
 from torchlinf.scoring.rows import Score
 
 
 def print_table(rows: Sequence[Score]) -> None:
     """Print rows for people: short names, few digits, and below the table what failed and why."""
-    from rich.box import SIMPLE_HEAD
     from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
+    from rich.text import Text
 
     console, folder = Console(highlight=False), common_folder(rows)
-    names = [os.path.relpath(row.path, folder) if folder else row.path for row in rows]
+    names = [printable(os.path.relpath(row.path, folder) if folder else row.path, console.encoding) for row in rows]
+    scored = [(name, row) for name, row in zip(names, rows, strict=True) if row.error is None]
     windows = list(dict.fromkeys(name for row in rows for name in row.values))
-    table = Table(
-        title=escape(folder), caption=_caption(rows, windows), box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
-    )
-    table.add_column("mask", overflow="fold")
-    for title in ("pixels", "D", "parts", *map(_short, windows), "peak", "at"):
-        table.add_column(title, justify="right", no_wrap=True)
-    for name, row in zip(names, rows, strict=True):
-        if row.error is None:
-            counts = (row.pixels, row.radius, row.components)
-            bits = (*(row.values.get(window) for window in windows), row.peak)
-            numbers = ("" if x is None else f"{x:.3f}" for x in bits)
-            table.add_row(escape(name), *map(str, counts), *numbers, f"{row.peak_scale:.2f}")
-    if table.row_count:
+    numbers: dict[str, list[str]] = {
+        "pixels": [_digits(row.pixels) for _, row in scored],
+        "D": [_digits(row.radius) for _, row in scored],
+        "parts": [_digits(row.components) for _, row in scored],
+    }
+    numbers |= {_short(name): [_digits(row.values.get(name)) for _, row in scored] for name in windows}
+    numbers["peak"] = [_digits(row.peak) for _, row in scored]
+    numbers["at"] = [_digits(row.peak_scale, 2) for _, row in scored]
+    if scored:
+        table = names_table(
+            [name for name, _ in scored],
+            numbers,
+            width=console.width,
+            important=[*map(_short, windows), "pixels"],
+            title=printable(folder, console.encoding),
+            caption=_caption(rows, windows),
+        )
         console.print(table)
     for name, row in zip(names, rows, strict=True):
         if row.error is not None:
-            console.print(f"[red]failed[/] {escape(name)}: {escape(row.error)}", soft_wrap=True)
+            reason = printable(row.error, console.encoding)
+            console.print(Text.assemble(("failed", "red"), f" {name}: {reason}"), soft_wrap=True)
+
+
+def _digits(value: float | None, digits: int = 3) -> str:
+    return "" if value is None else f"{value:.{digits}f}" if isinstance(value, float) else str(value)
 
 
 def _short(window: str) -> str:

@@ -1,6 +1,5 @@
 """Tables in files: written in one piece at the end, and continued where an earlier run ended."""
 
-import csv
 import os
 import sys
 from collections import Counter
@@ -10,25 +9,28 @@ from dataclasses import dataclass, field
 from glob import escape
 from itertools import chain
 from pathlib import Path
-from typing import TextIO, Unpack
+from typing import Any, TextIO, Unpack
 
 from torchlinf.measure import Measure, MeasureOptions, takes
 from torchlinf.scoring import parquet
 from torchlinf.scoring.atomic_write import replace_file
-from torchlinf.scoring.journal import JOURNAL, Journal
+from torchlinf.scoring.journal import JOURNAL, Group, Journal
 from torchlinf.scoring.options import score_measure
-from torchlinf.scoring.rows import (
-    WINDOWS,
-    NoTableError,
-    Score,
-    columns,
-    csv_line,
-    from_csv,
-    from_json,
-    json_line,
-    window_columns,
-)
+from torchlinf.scoring.rows import KINDS, WINDOWS, NoTableError, Score, columns, csv_line, from_cells, json_line
 from torchlinf.scoring.summary import print_table
+from torchlinf.scoring.table_files import (
+    JSON_LINES,
+    PARQUET,
+    STANDARD_OUTPUT,
+    TableFormat,
+    is_table,
+    read_cells,
+    send_text,
+    shown_cells,
+    table_format,
+    without_index,
+    writing,
+)
 
 
 @dataclass(frozen=True)
@@ -38,14 +40,21 @@ class Writer:
     Attributes:
         write: keeps rows, all or none.
         done: of every mask that the table held before, the path and the error, None if there was none.
+        failed: of those that are to be scored anew, the path and the error; empty without `retry`.
     """
 
     write: Callable[..., None]
     done: Mapping[str, str | None] = field(default_factory=dict)
+    failed: Mapping[str, str] = field(default_factory=dict)
 
-    def __call__(self, *rows: Score) -> None:
-        """Keep the rows of a source, all or none, so that a stopped run leaves no source half done."""
-        self.write(*rows)
+    def __call__(self, *rows: Score, instead_of: Sequence[str] = ()) -> None:
+        """Keep the rows of a source, all or none, so that a stopped run leaves no source half done.
+
+        Args:
+            rows: each takes the place of an earlier one of the same path.
+            instead_of: paths of further rows to drop, such as the failure of a label map whose labels are `rows`.
+        """
+        self.write(*rows, instead_of=instead_of)
 
 
 @takes(MeasureOptions, windows=WINDOWS)
@@ -60,13 +69,14 @@ def open_table(
 ) -> Iterator[Writer]:
     """Open what takes the rows: a file, standard output, or a terminal, which gets the table when all rows are there.
 
-    Rows go into a journal beside the file at once, named as the file with ".part" behind, each as a JSON object on a
-    line. At the end of the context the file is made of the journal, in one piece, and the journal is removed. If the
-    context ends by an exception, or the program is killed, the journal stays and a later call resumes from it.
+    Rows go into a journal beside the file at once, named as the file with ".part" behind, as JSON, the rows of a source
+    on one line. At the end of the context the file is made of the journal, in one piece, and the journal is removed. If
+    the context ends by an exception, or the program is killed, the journal stays and a later call resumes from it.
 
     Args:
-        path: the file: Parquet if its name ends in .parquet, JSON lines if in .jsonl, else CSV; None for standard
-            output. Into standard output, and into what is not a plain file, rows go at once.
+        path: the file: CSV (.csv, or no suffix), .tsv, JSON lines (.jsonl), each also with .gz behind, or Parquet
+            (.parquet); None or "-" for standard output. Into standard output, and into what is not a plain file, rows
+            go at once, as CSV. None draws a table if standard output is a terminal.
         as_json: JSON lines instead of CSV, also on a terminal.
         resume: keep the rows that the file and its journal hold, and add to them; otherwise both are removed.
         retry: as `resume`, but rows with an error are not in `done`; a new row takes the place of an old one.
@@ -79,6 +89,7 @@ def open_table(
         OSError: the table cannot be opened or written, or another run is writing it.
         NoTableError: a ValueError: rows are to be kept, and the file is not a table of scores, or its rows were
             measured with other options. It is left as it was.
+        ValueError: no table is written in the format of this suffix.
         ImportError: pyarrow, which Parquet needs, is not installed.
 
     Example:
@@ -93,8 +104,8 @@ def open_table(
         ['a.png', 'b.png']
     """
     measure = score_measure(options)
-    if path is None:
-        with _stream(sys.stdout, as_json, measure) as write:
+    if path is None or os.fspath(path) == STANDARD_OUTPUT:
+        with _stream(sys.stdout, as_json, measure, drawn=path is None) as write:
             yield Writer(write)
         return
     path, resume = Path(path), resume or retry
@@ -102,17 +113,26 @@ def open_table(
         with path.open("w", encoding="utf-8", newline="") as file, _stream(file, as_json, measure) as write:
             yield Writer(write)
         return
-    if path.suffix.lower() == ".parquet":
+    if table_format(path, as_json=as_json).kind == PARQUET:
         parquet.require_pyarrow()
+    names = columns(measure.named_windows())
     with Journal(path.with_name(path.name + JOURNAL)) as journal:
         if not resume:
             path.resolve().unlink(missing_ok=True)  # a link stays one
             journal.clear()
-        kept = chain(read_table(path) if path.exists() else (), journal.rows())
-        done = {row.path: row.error for row in _of_this_measure(kept, measure)}
-        yield Writer(journal.append, {name: error for name, error in done.items() if not (retry and error is not None)})
+        held: dict[str, str | None] = {}
+        if path.exists():
+            held = {row.path: row.error for row in _rows_to_continue(path, measure)}
+        for group in journal.groups():
+            for name in group.instead_of:
+                held.pop(name, None)
+            for row in group.rows:
+                _require_measure(row, measure)
+                held[row.path] = row.error
+        failed = {name: error for name, error in held.items() if retry and error is not None}
+        yield Writer(journal.append, {name: error for name, error in held.items() if name not in failed}, failed)
         if len(journal) or not path.exists():
-            _convert(journal, path, columns(measure.named_windows()), as_json)
+            _convert(journal, path, names, as_json)
             journal.clear()
 
 
@@ -121,25 +141,31 @@ def write_table(
 ) -> None:
     """Write a whole table in one piece: there is the whole file at the end, or what was there before.
 
+    A text that a spreadsheet would take for a formula, since it begins with `=`, `+`, `-`, `@` or a line break or tab,
+    has an apostrophe in front in CSV. `read_table` takes it away again.
+
     Args:
-        path: the file: Parquet if its name ends in .parquet, JSON lines if in .jsonl, else CSV.
+        path: the file: CSV (.csv, or no suffix), .tsv, JSON lines (.jsonl), each also with .gz behind, or Parquet
+            (.parquet).
         rows: any number; they are taken one after the other.
         columns: names of the columns, those of every row.
         as_json: JSON lines whatever the name.
 
     Raises:
+        ValueError: no table is written in the format of this suffix.
         OSError: the file cannot be written.
         ImportError: pyarrow, which Parquet needs, is not installed.
     """
     path = Path(path)
+    form = table_format(path, as_json=as_json)
 
     def write(temporary: Path) -> None:
-        if path.suffix.lower() == ".parquet":
+        if form.kind == PARQUET:
             parquet.require_pyarrow()
             parquet.write(temporary, rows, columns)
             return
-        with temporary.open("w", encoding="utf-8", newline="") as file:
-            file.writelines(_lines(rows, columns, as_json or path.suffix.lower() == ".jsonl"))
+        with writing(temporary, form.compressed) as file:
+            file.writelines(_lines(rows, columns, form))
 
     replace_file(path, write)
 
@@ -147,9 +173,13 @@ def write_table(
 def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
     """Read the rows of a table: CSV, JSON lines, Parquet, or a folder of such files (all of them, sorted by name).
 
+    The table may have been saved by another program: with an index, further columns, which are passed over, columns in
+    another order, whole numbers as 31.0, a byte order mark, other line ends, semicolons or tabs between the cells. It
+    needs the column `path` and one of complexity; columns that are missing are None in every row.
+
     Args:
-        path: the file or folder. A file that begins with "{" holds JSON lines, like the journal of a run that goes on,
-            whose name ends in .part; all other text is CSV.
+        path: the file or folder. A file that begins with "{" or "[" holds JSON, like the journal of a run that goes on,
+            whose name ends in .part; all other text is CSV. Files may be compressed by gzip.
 
     Yields:
         Rows, one after the other.
@@ -160,17 +190,49 @@ def read_table(path: str | os.PathLike[str]) -> Iterator[Score]:
         ImportError: pyarrow, which Parquet needs, is not installed.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
     if path.is_dir():
-        files = sorted(file for file in path.iterdir() if file.suffix.lower() in (".csv", ".jsonl", ".parquet"))
+        files = sorted(file for file in path.iterdir() if is_table(file))
         if not files:
-            raise NoTableError("the folder holds no .csv, .jsonl or .parquet file")
+            raise NoTableError("the folder holds no .csv, .tsv, .jsonl or .parquet file")
         for file in files:
             yield from read_table(file)
-    elif suffix == ".parquet":
-        yield from parquet.read(path)
     else:
-        yield from _read_text(path)
+        yield from (row for _, row in _rows(path, _require_path))
+
+
+def _rows(path: Path, check: Callable[[tuple[str, ...]], None]) -> Iterator[tuple[Mapping[str, Any], Score]]:
+    """The rows of a file, each with the cells that it was made of."""
+    for where, cells in read_cells(path, check):
+        try:
+            yield cells, from_cells(cells)
+        except NoTableError:
+            raise
+        except ValueError as error:
+            raise NoTableError(f"it holds a line that is not a row ({where}: {error})") from error
+
+
+def _require_path(names: tuple[str, ...]) -> None:
+    if "path" not in names:
+        raise NoTableError("its columns are not those of a table of scores: there is no path")
+
+
+def _require_columns(names: tuple[str, ...]) -> None:
+    _require_path(names)
+    if missing := [name for name in KINDS if name not in names]:
+        raise NoTableError(f"its columns are not all those of this version: there is no {', '.join(missing)}")
+
+
+def _rows_to_continue(path: Path, measure: Measure) -> Iterator[Score]:
+    """The rows of a table that will be written anew, which must have all columns, and none that others have added."""
+    known: tuple[str, ...] = ()
+    for cells, row in _rows(path, _require_columns):
+        _require_measure(row, measure)
+        if tuple(cells) != known:
+            known = tuple(cells)
+            added = [name for name in without_index(known) if name not in KINDS and name not in row.values]
+            if added:
+                raise NoTableError(f"its columns {', '.join(added)} were added by others, and would be lost")
+        yield row
 
 
 def _convert(journal: Journal, path: Path, columns: Sequence[str], as_json: bool) -> None:
@@ -178,72 +240,65 @@ def _convert(journal: Journal, path: Path, columns: Sequence[str], as_json: bool
     real = path.resolve()
     for leftover in real.parent.glob(f".{escape(real.name)}.*.tmp"):  # of a run that was killed right here
         leftover.unlink()
-    coming = Counter(row.path for row in journal.rows())
+    replaced = Counter(name for group in journal.groups() for name in _replaced(group))
 
-    def is_last(row: Score) -> bool:
-        coming[row.path] -= 1
-        return not coming[row.path]
+    def last(group: Group) -> list[Score]:
+        replaced.subtract(_replaced(group))
+        return [row for row in group.rows if not replaced[row.path]]
 
-    before = (row for row in read_table(path) if row.path not in coming) if path.exists() else ()
-    write_table(path, chain(before, filter(is_last, journal.rows())), columns=columns, as_json=as_json)
-
-
-def _of_this_measure(rows: Iterable[Score], measure: Measure) -> Iterator[Score]:
-    """The rows, if each was measured like this."""
-    settings, windows = measure.settings(), tuple(measure.named_windows())
-    for row in rows:
-        if (row.measure, tuple(row.values)) != (settings, windows):
-            raise NoTableError(f"its rows were measured with other options, {row.measure}; got {settings}")
-        yield row
+    before = (row for row in read_table(path) if row.path not in replaced) if path.exists() else ()
+    rows = chain(before, chain.from_iterable(map(last, journal.groups())))
+    write_table(path, rows, columns=columns, as_json=as_json)
 
 
-def _read_text(path: Path) -> Iterator[Score]:
-    """The rows of CSV or JSON lines; of a journal, which may be written just now, the complete lines."""
-    suffix = path.suffix.lower()
-    with path.open(encoding="utf-8", newline="") as file:
-        try:
-            is_json = suffix in (".jsonl", JOURNAL) or file.read(1) == "{"
-            file.seek(0)
-            if is_json:
-                yield from (from_json(line) for line in file if suffix != JOURNAL or line.endswith("\n"))
-            else:
-                yield from _from_csv_lines(file)
-        except NoTableError:
-            raise
-        except (ValueError, csv.Error) as error:
-            raise NoTableError(f"it holds a line that is not a row ({error})") from error
+def _replaced(group: Group) -> list[str]:
+    """The paths of which earlier rows are dropped."""
+    return [*group.instead_of, *(row.path for row in group.rows)]
 
 
-def _from_csv_lines(file: TextIO) -> Iterator[Score]:
-    lines = csv.reader(file, strict=True)
-    names = next(lines, [])
-    window_columns(names)
-    return (from_csv(names, cells) for cells in lines)
+def _require_measure(row: Score, measure: Measure) -> None:
+    """Raise if a row was not measured like this."""
+    settings, windows = measure.settings(), list(measure.named_windows())
+    if row.measure == settings and (missing := [name for name in windows if name not in row.values]):
+        raise NoTableError(f"its columns are not all those of its measure: there is no {', '.join(missing)}")
+    if (row.measure, list(row.values)) != (settings, windows):
+        raise NoTableError(f"its rows were measured with other options, {row.measure}; got {settings}")
 
 
-def _lines(rows: Iterable[Score], columns: Sequence[str], as_json: bool) -> Iterator[str]:
-    if as_json:
+def _lines(rows: Iterable[Score], columns: Sequence[str], form: TableFormat) -> Iterator[str]:
+    if form.kind == JSON_LINES:
         yield from map(json_line, rows)
         return
-    yield csv_line(columns)
-    yield from (csv_line(row.cells().values()) for row in rows)
+    yield csv_line(columns, delimiter=form.delimiter)
+    yield from (csv_line(row.cells().values(), delimiter=form.delimiter) for row in rows)
 
 
 @contextmanager
-def _stream(file: TextIO, as_json: bool, measure: Measure) -> Iterator[Callable[..., None]]:
-    """What sends each row on at once, as text; for a terminal, the table for people when the context ends."""
-    if not as_json and file.isatty():
+def _stream(file: TextIO, as_json: bool, measure: Measure, drawn: bool = False) -> Iterator[Callable[..., None]]:
+    """What sends each row on at once, as text.
+
+    Args:
+        file: where to. What its encoding does not have goes there as an escape.
+        as_json: JSON lines instead of CSV.
+        measure: how the rows were measured.
+        drawn: for a terminal, the table for people when the context ends, instead of CSV.
+    """
+    is_terminal = file.isatty()
+    if drawn and is_terminal and not as_json:
         shown: list[Score] = []
         try:
-            yield lambda *rows: shown.extend(rows)
+            yield lambda *rows, instead_of=(): shown.extend(rows)
         finally:
             print_table(shown)
         return
 
-    def send(line: str) -> None:
-        file.write(line)
-        file.flush()  # a reader may wait for it
+    def line(cells: Iterable[Any]) -> str:
+        return csv_line(shown_cells(cells) if is_terminal else cells)
+
+    def send(*rows: Score, instead_of: Sequence[str] = ()) -> None:
+        """Send rows on; what has been sent before stays."""
+        send_text(file, "".join(json_line(row) if as_json else line(row.cells().values()) for row in rows))
 
     if not as_json:
-        send(csv_line(columns(measure.named_windows())))
-    yield lambda *rows: send("".join(json_line(row) if as_json else csv_line(row.cells().values()) for row in rows))
+        send_text(file, line(columns(measure.named_windows())))
+    yield send

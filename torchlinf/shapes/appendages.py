@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import torch
+import numpy as np
 from torch import Tensor
 
 from torchlinf._helpers.checks import choice, count, integer
@@ -83,7 +83,7 @@ def with_appendages(sides: Sequence[int], appendages: Sequence[Appendage], *, ma
     boxes = [[(0, count(side, "side")) for side in sides]] + [_place(appendage, sides) for appendage in appendages]
     low = [min(start for start, _ in spans) for spans in zip(*boxes, strict=True)]
     high = [max(stop for _, stop in spans) for spans in zip(*boxes, strict=True)]
-    whole = torch.zeros([stop - start for start, stop in zip(low, high, strict=True)], dtype=torch.bool, device="cpu")
+    whole = np.zeros([stop - start for start, stop in zip(low, high, strict=True)], dtype=np.bool_)
     for spans in boxes:
         whole[tuple(slice(start - zero, stop - zero) for (start, stop), zero in zip(spans, low, strict=True))] = True
     return with_margin(whole, margin)

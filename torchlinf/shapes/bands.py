@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from itertools import pairwise
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -43,7 +44,7 @@ def band(points: Sequence[Sequence[int]], width: int, *, margin: int = 0) -> Ten
     width = count(width, "width")
     low = _starts(points)
     low = low - low.amin(dim=0)
-    whole = torch.zeros((low.amax(dim=0) + width).tolist(), dtype=torch.bool, device="cpu")
+    whole = np.zeros((low.amax(dim=0) + width).tolist(), dtype=np.bool_)
     for corner in low.tolist():
         whole[tuple(slice(start, start + width) for start in corner)] = True
     return with_margin(whole, margin)
@@ -74,7 +75,7 @@ def diagonal_pair(side: int, shift: int, *, margin: int = 0) -> Tensor:
     side, shift = count(side, "side"), integer(shift, "shift", 0)
     if shift > side:
         raise ValueError(f"shift must be from 0 to side={side}; got {shift}. Pass side for squares that touch.")
-    whole = torch.zeros(side + shift, side + shift, dtype=torch.bool, device="cpu")
+    whole = np.zeros((side + shift, side + shift), dtype=np.bool_)
     whole[:side, :side] = whole[shift:, shift:] = True
     return with_margin(whole, margin)
 

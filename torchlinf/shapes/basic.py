@@ -2,7 +2,8 @@
 
 import math
 
-import torch
+import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
 from torchlinf._helpers.checks import count, positive
@@ -53,7 +54,7 @@ def box(*sides: int, margin: int = 0) -> Tensor:
     """
     if not 1 <= len(sides) <= 4:
         raise ValueError(f"sides must be 1 to 4 numbers; got {len(sides)}. Pass one side for each dimension.")
-    return with_margin(torch.ones([count(side, "side") for side in sides], dtype=torch.bool, device="cpu"), margin)
+    return with_margin(np.ones([count(side, "side") for side in sides], dtype=np.bool_), margin)
 
 
 def rectangle(height: int, width: int, *, margin: int = 0) -> Tensor:
@@ -102,7 +103,7 @@ def disc(radius: float, *, margin: int = 0) -> Tensor:
                 [0, 1, 1, 1, 0],
                 [0, 0, 1, 0, 0]], dtype=torch.int32)
     """
-    squares = _offsets(positive(radius, "radius")).square()
+    squares = _offsets(positive(radius, "radius")) ** 2
     return with_margin(squares[:, None] + squares <= radius**2, margin)
 
 
@@ -131,11 +132,11 @@ def superellipse(radius: float, exponent: float, *, margin: int = 0) -> Tensor:
                 [0, 1, 1, 1, 0],
                 [0, 0, 1, 0, 0]], dtype=torch.int32)
     """
-    powers = (_offsets(positive(radius, "radius")).abs() / radius) ** positive(exponent, "exponent")
+    powers = (np.abs(_offsets(positive(radius, "radius"))) / radius) ** positive(exponent, "exponent")
     # Points that lie on the curve exactly, such as (3, 4) for radius 5, must not fall out by rounding.
-    return with_margin(powers[:, None] + powers <= 1 + 4 * torch.finfo(powers.dtype).eps, margin)
+    return with_margin(powers[:, None] + powers <= 1 + 4 * np.finfo(powers.dtype).eps, margin)
 
 
-def _offsets(radius: float) -> Tensor:
+def _offsets(radius: float) -> NDArray[np.float64]:
     reach = math.floor(radius)
-    return torch.arange(-reach, reach + 1, dtype=torch.float64, device="cpu")
+    return np.arange(-reach, reach + 1, dtype=np.float64)

@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-import torch
+import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
 from torchlinf._helpers.checks import count, integer
@@ -93,7 +94,7 @@ def rooms(
             raise ValueError(f"{name} must fit into a room of side {side}; got {length}. Pass {side} or less.")
     numbers = count(rows, "rows"), count(columns, "columns")
     sides = (n * (side + wall) - wall for n in numbers)
-    row, column = (torch.arange(size, device="cpu") % (side + wall) for size in sides)  # counted in each room
+    row, column = (np.arange(size) % (side + wall) for size in sides)  # counted in each room
     row = row[:, None]
     plan = (row < side) & (column < side)
     plan |= _middle(row, side, aperture) & (column >= side)
@@ -102,7 +103,7 @@ def rooms(
     return with_margin(plan, margin)
 
 
-def _middle(place: Tensor, side: int, length: int) -> Tensor:
+def _middle(place: NDArray[np.int64], side: int, length: int) -> NDArray[np.bool_]:
     """Whether a place is within the middle `length` of a room."""
     start = (side - length) // 2
     return (place >= start) & (place < start + length)
