@@ -20,7 +20,7 @@ from torchlinf.kernels.policy_system import PolicySystem
 
 PASSES = 3  # over the list before each linear solve
 ROUNDS = 16  # linear solves after which the flip is left to a complete solve
-SHARE = 0.4  # of the shape's pixels, from which on a complete solve costs no more
+SHARE = 0.3  # of the shape's pixels, from which on a complete solve costs no more
 
 
 @dataclass(frozen=True)

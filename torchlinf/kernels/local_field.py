@@ -75,11 +75,14 @@ def advance(  # type: ignore[no-untyped-def]
     state[END] = UNSOLVED
     while True:
         if not resumed:
-            count = _relax(v, distance, block, rows, screening, tol, passes, limit, listed, active, old, count)
-            residual, count = _measure(v, distance, block, rows, screening, tol, listed, active, old, count, beside)
+            residual, count = _relax(
+                v, distance, block, rows, screening, tol, passes, limit, listed, active, old, count
+            )
             if residual <= tol:
-                state[END] = SOLVED
-                break
+                residual, count = _measure(v, distance, block, rows, screening, tol, listed, active, old, count, beside)
+                if residual <= tol:
+                    state[END] = SOLVED
+                    break
             if count > limit or state[SOLVES] == rounds:
                 break
             state[SIZE] = _choose(
@@ -102,12 +105,14 @@ def advance(  # type: ignore[no-untyped-def]
 
 @kernel
 def _relax(v, distance, block, rows, screening, tol, passes, limit, listed, active, old, count):  # type: ignore[no-untyped-def]
-    """Relax the listed pixels in place, forwards and backwards in turn; returns how many are listed.
+    """Relax the listed pixels in place, forwards and backwards in turn.
 
     Neighbours of a pixel that moved join the list if their residual is above `tol`. It ends early where nothing moves,
-    or where the list is longer than `limit`.
+    or where the list is longer than `limit`. Returns the largest residual that the last pass met, and how many pixels
+    are listed.
     """
     weight = 1.0 / (2.0 + screening)
+    largest = 0.0
     for number in range(passes):
         largest = 0.0
         k = 0
@@ -119,10 +124,10 @@ def _relax(v, distance, block, rows, screening, tol, passes, limit, listed, acti
                 continue
             most, least = _extrema(v, x, rows)
             value = (most + least + 1.0) * weight
-            move = abs(value - v[x])
+            residual = abs(value - v[x]) / weight
             v[x] = value
-            if move > tol:
-                largest = max(largest, move)
+            if residual > tol:
+                largest = max(largest, residual)
                 for offset in block:
                     y = x + offset
                     if listed[y] == UNLISTED and distance[y] > 0 and _residual(v, y, rows, screening) > tol:
@@ -130,12 +135,12 @@ def _relax(v, distance, block, rows, screening, tol, passes, limit, listed, acti
                         active[count], old[count] = y, v[y]
                         count += 1
                 if count > limit:
-                    return count
+                    return largest, count
             if number % 2 == 0:
                 stop = count  # forwards also those that have just joined: so news goes as far as it goes
-        if largest <= tol:
+        if largest == 0.0:
             break
-    return count
+    return largest, count
 
 
 @kernel
