@@ -150,7 +150,7 @@ def check_topology(count: int, seed: int) -> None:
     probability = blobs(count, 23, 28, seed=seed, smooth=1.0)
     found = simplify(probability, weight=0.1, keep_topology=True, spatial_ndim=2)
     inside = (probability > 0.5).numpy()
-    assert int((found.num_flips > 0).sum()) > 0.8 * count
+    assert int((found.num_flips > 0).sum()) > 0.6 * count
     for before, after in zip(inside, found.mask.numpy(), strict=True):
         assert topology(after) == topology(before)
     assert float(found.after.mean()) < float(found.before.mean())

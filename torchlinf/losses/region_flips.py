@@ -91,14 +91,16 @@ def candidates(probability: Tensor, threshold: float, max_flips: int, inside: Te
         >>> sorted({tuple(region.tolist()) for region in found.of(0)})
         [(0,), (2,), (3,), (4,)]
     """
-    inside = probability > threshold if inside is None else inside
+    # In NumPy: the torch operations of a thread would start threads of their own.
+    grey = probability.numpy()
+    mask = grey > threshold if inside is None else inside.numpy()
     count, size = len(probability), probability[0].numel()
     step = max(1, min(ceil(count / torch.get_num_threads()), CHUNK // size))
     parts: list[tuple[NDArray[Any], ...]] = [()] * ceil(count / step)
 
     def gather(i: int, check: Callable[[], None]) -> None:
         some = slice(i * step, (i + 1) * step)
-        parts[i] = _regions_of(probability[some], inside[some], threshold, max_flips, check)
+        parts[i] = _regions_of(grey[some], mask[some], threshold, max_flips, check)
 
     for_each(gather, len(parts))
     pixels, begins, owners, codes = zip(*parts, strict=True)
@@ -199,12 +201,12 @@ def complexities(masks: Iterator[Tensor], like: Tensor, measure: Measure) -> Ten
 
 
 def _regions_of(
-    probability: Tensor, inside: Tensor, threshold: float, max_flips: int, check: Callable[[], None]
+    grey: NDArray[np.floating], mask: NDArray[np.bool_], threshold: float, max_flips: int, check: Callable[[], None]
 ) -> tuple[NDArray[Any], ...]:
     """Pixels, begin, owner and code of the candidates of some shapes."""
-    ndim, mask = inside.ndim - 1, inside.numpy()
-    limit = inside.flatten(1).count_nonzero(dim=1).numpy() // 2
-    regions = RegionList(tuple(inside.shape[1:]), limit, BUDGET * inside[0].numel(), max_flips)
+    ndim = mask.ndim - 1
+    limit = np.count_nonzero(mask.reshape(len(mask), -1), axis=1) // 2
+    regions = RegionList(mask.shape[1:], limit, BUDGET * mask[0].size, max_flips)
     block = [step for step in itertools.product((-1, 0, 1), repeat=ndim) if any(step)]
     around = np.array(block).reshape(-1, ndim) @ regions.strides
 
@@ -216,21 +218,22 @@ def _regions_of(
             one[:] = marked
         regions.gather(maps, np.tile(around, (len(marks), 1)) if offsets is None else offsets, offsets is None)
 
-    low, high = (probability > level_at_odds(threshold, level) for level in DOUBT)
-    gather([(low & ~inside).numpy(), (inside & ~high).numpy()])
+    low, high = (grey > level_at_odds(threshold, level) for level in DOUBT)
+    gather([low & ~mask, mask & ~high])
     rows, along = [], []
     for axis in range(ndim):
-        beside = [_neighbour(inside, axis + 1, direction) for direction in (1, -1)]
-        rows += [marked.numpy() for other in beside for marked in (inside & ~other, other & ~inside)]
+        for direction in (1, -1):
+            beside = _neighbour(mask, axis + 1, direction)
+            rows += [mask & ~beside, beside & ~mask]
         faces = np.delete(regions.strides, axis)
         along += [np.concatenate([[0], faces, -faces])] * 4
     gather(rows, np.array(along))
     # Boxes that are longer than the array all act like one of its own length (closing) or leave nothing (opening).
-    longest = [size + 1 for size in inside.shape[1:]]
+    longest = [size + 1 for size in mask.shape[1:]]
     lengths = [
         _run_lengths(x, axis, endless) for axis in range(1, ndim + 1) for x, endless in ((mask, False), (~mask, True))
     ]
-    changed = _by_cubes(inside)
+    changed = _by_cubes(mask)
     for sides in dict.fromkeys(tuple(min(side, most) for most in longest) for side in SIDES):
         if ndim > 1:
             gather(changed(sides))
@@ -238,10 +241,10 @@ def _regions_of(
     return regions.found()
 
 
-def _by_cubes(inside: Tensor) -> Callable[[tuple[int, ...]], list[NDArray[np.bool_]]]:
+def _by_cubes(mask: NDArray[np.bool_]) -> Callable[[tuple[int, ...]], list[NDArray[np.bool_]]]:
     """What openings and closings by boxes, cubes as far as the array is long enough, remove and fill."""
-    mask = inside.numpy()
     if mask.ndim != 3 or not has_compiler():
+        inside = torch.from_numpy(mask)
         return lambda sides: [(inside & ~opened(inside, sides)).numpy(), (closed(inside, sides) & ~inside).numpy()]
     from torchlinf.kernels.openings import CubeOpenings
 
@@ -287,10 +290,13 @@ def level_at_odds(threshold: float, level: float) -> float:
     return odds / (1 + odds)
 
 
-def _neighbour(inside: Tensor, dim: int, direction: int) -> Tensor:
+def _neighbour(mask: NDArray[np.bool_], axis: int, direction: int) -> NDArray[np.bool_]:
     """Whether the next pixel in a direction is inside; beyond the array is outside."""
-    shifted = torch.zeros_like(inside)
-    size = inside.shape[dim] - 1
-    near, far = (0, 1) if direction > 0 else (1, 0)
-    shifted.narrow(dim, near, size).copy_(inside.narrow(dim, far, size))
+    shifted = np.zeros_like(mask)
+    first = (slice(None),) * axis
+    near, far = (*first, slice(None, -1)), (*first, slice(1, None))
+    if direction > 0:
+        shifted[near] = mask[far]
+    else:
+        shifted[far] = mask[near]
     return shifted
