@@ -107,11 +107,12 @@ def test_mirror_images_become_mirror_images(sides: tuple[int, ...]) -> None:
     probability = blobs(2, *sides, seed=3)
     symmetric = (probability + probability.flip(1)) / 2
     for p in (probability, symmetric, (symmetric > 0.5)):
-        found = simplify(p, weight=1.0, spatial_ndim=len(sides))
+        keep = len(sides) < 3 and not p.is_floating_point()
+        found = simplify(p, weight=1.0, keep_topology=keep, spatial_ndim=len(sides))
         for dims in itertools.chain.from_iterable(
             itertools.combinations(range(1, p.ndim), r) for r in range(1, p.ndim)
         ):
-            mirrored = simplify(p.flip(dims), weight=1.0, spatial_ndim=len(sides))
+            mirrored = simplify(p.flip(dims), weight=1.0, keep_topology=keep, spatial_ndim=len(sides))
             assert torch.equal(mirrored.mask.flip(dims), found.mask)
             assert torch.equal(mirrored.flip_number.flip(dims), found.flip_number)
             assert torch.equal(mirrored.after, found.after)

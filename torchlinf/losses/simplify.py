@@ -4,8 +4,9 @@ Flips that pay, the gain in complexity less the price in log-odds, are made one 
 none does. Which regions are tried is in `region_flips`.
 """
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, Unpack
 
@@ -18,12 +19,17 @@ from torchlinf._helpers.boxes import bounding_box
 from torchlinf._helpers.checks import as_mask, choice, count, flag, fraction, not_negative
 from torchlinf._helpers.parallel import for_each
 from torchlinf.kernels import has_compiler
-from torchlinf.losses.region_flips import Candidates, Region, candidates, code_of, select
+from torchlinf.losses.region_flips import Candidates, Region, candidates, code_of
 from torchlinf.measure import Measure, SolvedShape, WindowOptions, mean_of_levels, takes
 
 __all__ = ["Simplification", "simplify"]
 
-TRIES = 16  # regions that are solved for a shape before the best is flipped
+TRIES = 32  # regions that are solved for a shape before the best is flipped
+PROMISE = (
+    0.5  # bits that are expected of a region, times the root of its share of the area: only the order depends on it
+)
+ANY_NUMBER = 1 << 30
+LOOKED_AT = 1000  # groups of regions that are looked at until `TRIES` keep the topology
 CERTAIN = 16.0  # log-odds beyond which a prediction is not told apart from certainty, as float32 does not
 STEPS = 2.0**20  # prices are rounded to 1 / STEPS, so that their sums do not depend on the order of pixels
 EQUAL = 1e-9  # bits; what differs by less is equal, and what gains less does not pay
@@ -63,7 +69,7 @@ def simplify(
     *,
     weight: float = 10.0,
     threshold: float = 0.5,
-    max_flips: int = 64,
+    max_flips: int = 256,
     max_change: float = 0.5,
     keep_topology: bool = False,
     per: Literal["shape", "object"] = "shape",
@@ -248,17 +254,33 @@ class _Descent:
         return np.where(self.solved.mask.reshape(-1) == self._before, 1, -1)
 
     def _regions(self) -> list[Region]:
-        """Regions whose flip may pay."""
+        """The regions that promise most, of those whose flip may pay and that were not refused before."""
         inside = torch.from_numpy(self.solved.mask)[None]
-        proposed = candidates(self._probability, self._rule.threshold, TRIES, inside)
+        proposed = candidates(self._probability, self._rule.threshold, ANY_NUMBER, inside)
         signs = self._signs()
-        pays = self._cost_of(_sums(signs * self._price, proposed)) < self._value - EQUAL  # a complexity is 0 or more
+        price = _sums(signs * self._price, proposed)
+        pays = self._cost_of(price) < self._value - EQUAL  # a complexity is 0 or more
         changed = int((signs < 0).sum()) + _sums(signs, proposed)
         fits = changed <= self._rule.max_change * self._area
         outside = ~(self.solved.mask.reshape(-1) | self._allowed)
         lies_right = _sums(outside.astype(np.int64), proposed) == 0
         new = ~np.isin(proposed.code, np.array(self._refused, np.uint64))
-        return select(inside, proposed.chosen(pays & fits & lies_right & new), TRIES)[0]
+        size = np.diff(proposed.begin)
+        numbers = np.flatnonzero(pays & fits & lies_right & new & (size <= self.solved.mask.sum() // 2))
+        expected = self._cost_of(price) - PROMISE * np.sqrt(size / self._area)
+        facts = np.stack([proposed.code[numbers].view(np.int64), size[numbers], price[numbers]])
+        order = np.lexsort((*facts, expected[numbers]))
+        found: list[Region] = []
+        for group in itertools.islice(_groups(numbers[order], facts[:, order]), LOOKED_AT):
+            regions = [region for i in group if self._keeps_topology(region := proposed.region(i))]
+            if len(found) + len(regions) <= TRIES:
+                found += regions
+            if len(found) == TRIES:
+                break
+        return found
+
+    def _keeps_topology(self, pixels: Region) -> bool:
+        return self._topology is None or self._topology.keeps(pixels)
 
     def _cost_of(self, price: NDArray[np.int64]) -> NDArray[np.float64]:
         return (price * (self._rule.weight / (STEPS * self._area))).astype(np.float64)
@@ -268,7 +290,7 @@ class _Descent:
         signs = self._signs()
         changed = int((signs < 0).sum()) + int(signs[pixels].sum())
         allowed = changed <= self._rule.max_change * self._area
-        if not allowed or (self._topology is not None and not self._topology.keeps(pixels)):
+        if not allowed or not self._keeps_topology(pixels):
             return _Flip(pixels, math.inf)
         values = self.solved.after(pixels).values
         if not len(values):
@@ -335,6 +357,21 @@ class _Topology:
         if kept and not make:
             flat[places] ^= 1
         return kept
+
+
+def _groups(numbers: NDArray[np.int64], facts: NDArray[np.int64]) -> Iterator[list[int]]:
+    """The regions in their order, each once, those of one size and price together: some may be mirror images.
+
+    Args:
+        numbers: (R,) of the regions.
+        facts: (3, R), their code, size and price; the same ones stand together.
+    """
+    different = np.flatnonzero(np.diff(facts, axis=1, prepend=-1).any(axis=0))
+    numbers, facts = numbers[different], facts[:, different]
+    first = np.flatnonzero(np.diff(facts[1:], axis=1, prepend=-1).any(axis=0)).tolist()
+    for begin, end in itertools.pairwise([*first, len(numbers)]):
+        if end - begin <= TRIES:
+            yield numbers[begin:end].tolist()
 
 
 def _sums(values: NDArray[np.int64], proposed: Candidates) -> NDArray[np.int64]:
