@@ -220,7 +220,14 @@ def test_arguments_are_checked() -> None:
         simplify(mask * 3.0, spatial_ndim=2)
     with pytest.raises(ValueError, match="probabilities"):
         simplify(mask * math.nan, spatial_ndim=2)
-    for wrong in ({"weight": -1.0}, {"max_change": 0.0}, {"max_change": 1.5}, {"per": "part"}, {"max_flips": 0}):
+    for wrong in (
+        {"weight": -1.0},
+        {"max_change": 0.0},
+        {"max_change": 1.5},
+        {"per": "part"},
+        {"max_flips": 0},
+        {"tries": 0},
+    ):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             simplify(mask, spatial_ndim=2, **wrong)
     with pytest.raises(TypeError, match="number"):

@@ -24,12 +24,11 @@ from torchlinf.measure import Measure, SolvedShape, WindowOptions, mean_of_level
 
 __all__ = ["Simplification", "simplify"]
 
-TRIES = 32  # regions that are solved for a shape before the best is flipped
 PROMISE = (
     0.5  # bits that are expected of a region, times the root of its share of the area: only the order depends on it
 )
 ANY_NUMBER = 1 << 30
-LOOKED_AT = 1000  # groups of regions that are looked at until `TRIES` keep the topology
+LOOKED_AT = 1000  # groups of regions that are looked at until enough of them keep the topology
 CERTAIN = 16.0  # log-odds beyond which a prediction is not told apart from certainty, as float32 does not
 STEPS = 2.0**20  # prices are rounded to 1 / STEPS, so that their sums do not depend on the order of pixels
 EQUAL = 1e-9  # bits; what differs by less is equal, and what gains less does not pay
@@ -70,6 +69,7 @@ def simplify(
     weight: float = 10.0,
     threshold: float = 0.5,
     max_flips: int = 256,
+    tries: int = 32,
     max_change: float = 0.5,
     keep_topology: bool = False,
     per: Literal["shape", "object"] = "shape",
@@ -80,8 +80,9 @@ def simplify(
 
     It looks for the shape S* that minimises C(S*) + weight * sum of |z| over the pixels that are changed / area of the
     shape. C is the complexity and z the log-odds of a pixel against the threshold. From the thresholded prediction on,
-    the region flip that lowers this most is made, as long as one does: regions are those of `ShapeComplexityLoss`, and
-    each difference of complexity is exact. What is found is a local minimum, not the least.
+    the region flip that lowers this most is made, as long as one does. The regions are those of `ShapeComplexityLoss`,
+    of which `tries` are tried at a time, first those that are large for their price; each difference of complexity is
+    exact. What is found is a local minimum, not the least.
 
     A network's logits need no training for it. A `weight` that is too small changes what the network is sure of.
 
@@ -93,6 +94,8 @@ def simplify(
             windows of facades 3.
         threshold: a pixel is inside if its probability is greater; in (0, 1).
         max_flips: how many flips a shape (object) may have.
+        tries: regions that are solved before the best is flipped, and that have to be tried in vain for an end: with
+            more of them it finds more, and takes longer.
         max_change: share of the area of a shape (object) that may be changed, in (0, 1]. No single flip is of more than
             half of it.
         keep_topology: if True, only flips that consist of simple flips of pixels are made: components (joined through
@@ -131,6 +134,7 @@ def simplify(
         weight=not_negative(weight, "weight"),
         threshold=fraction(threshold, "threshold"),
         max_flips=count(max_flips, "max_flips"),
+        tries=count(tries, "tries"),
         max_change=_share(max_change),
         keep_topology=flag(keep_topology, "keep_topology"),
         measure=measure,
@@ -184,6 +188,7 @@ class _Rule:
     weight: float
     threshold: float
     max_flips: int
+    tries: int
     max_change: float
     keep_topology: bool
     measure: Measure
@@ -272,10 +277,12 @@ class _Descent:
         order = np.lexsort((*facts, expected[numbers]))
         found: list[Region] = []
         for group in itertools.islice(_groups(numbers[order], facts[:, order]), LOOKED_AT):
+            if len(group) > self._rule.tries:
+                continue
             regions = [region for i in group if self._keeps_topology(region := proposed.region(i))]
-            if len(found) + len(regions) <= TRIES:
+            if len(found) + len(regions) <= self._rule.tries:
                 found += regions
-            if len(found) == TRIES:
+            if len(found) == self._rule.tries:
                 break
         return found
 
@@ -370,8 +377,7 @@ def _groups(numbers: NDArray[np.int64], facts: NDArray[np.int64]) -> Iterator[li
     numbers, facts = numbers[different], facts[:, different]
     first = np.flatnonzero(np.diff(facts[1:], axis=1, prepend=-1).any(axis=0)).tolist()
     for begin, end in itertools.pairwise([*first, len(numbers)]):
-        if end - begin <= TRIES:
-            yield numbers[begin:end].tolist()
+        yield numbers[begin:end].tolist()
 
 
 def _sums(values: NDArray[np.int64], proposed: Candidates) -> NDArray[np.int64]:
