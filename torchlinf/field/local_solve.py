@@ -97,6 +97,7 @@ class LocalSolve:
         """Flip back: field and distance are what they were, to the last bit."""
         self._end(True)
         local_distance.undo(self.distance, self._counts, self._trail, self._old, self._num_shifted)
+        self._num_shifted = 0
 
     def keep(self) -> None:
         """Make the last flip, which must have been solved, a part of the shape."""
@@ -104,6 +105,7 @@ class LocalSolve:
         assert self._last.solved
         self._end(False)
         self.radius, self.bound = self._last.radius, self._last.bound
+        self._num_shifted = 0
 
     def whole(self, tol: float, check: Callable[[], None]) -> PolicyIteration:
         """After a flip that was not solved and has left the radius as it was: a solve of all of the shape.
@@ -121,6 +123,7 @@ class LocalSolve:
         local_field.end(
             self.v, undo, self._listed, self._system.up, self._system.down, self._active, self._before, count
         )
+        self._state[local_field.LISTED] = 0
 
     def _solve(self, removed: NDArray[np.int32], filled: NDArray[np.int32], check: Callable[[], None]) -> float:
         """Solve where the flip reaches; returns the largest residual there, inf where this has to be left undone."""
