@@ -8,29 +8,53 @@ from scipy import ndimage
 
 from torchlinf.kernels import has_compiler, regions
 
-PATHS = [
-    pytest.param(regions.flood, marks=pytest.mark.skipif(not has_compiler(), reason="needs numba")),
-    regions.by_graph,
-]
+PATHS = [pytest.param(True, marks=pytest.mark.skipif(not has_compiler(), reason="needs numba")), False]
 
 
-@pytest.mark.parametrize("flood", PATHS)
+def gathered(
+    maps: np.ndarray, limit: int, budget: int, most: int, whole: bool
+) -> tuple[list[tuple[int, tuple[int, ...]]], list[int]]:
+    """The shape and the sorted pixels of every region of the maps, (G, N, *sizes), and their codes."""
+    ndim = maps.ndim - 2
+    found = regions.RegionList(maps.shape[2:], np.full(maps.shape[1], limit), budget, most)
+    padded, inner = found.empty_maps(len(maps))
+    inner[:] = maps
+    steps = np.array([step for step in itertools.product((-1, 0, 1), repeat=ndim) if any(step)])
+    found.gather(padded, np.tile(steps @ found.strides, (len(maps), 1)), whole)
+    pixels, begin, owner, code = found.found()
+    parts = [tuple(np.sort(pixels[a:b]).tolist()) for a, b in itertools.pairwise(begin.tolist())]
+    return list(zip(owner.tolist(), parts, strict=True)), code.tolist()
+
+
+def labelled(one: np.ndarray) -> list[tuple[int, ...]]:
+    labels, count = ndimage.label(one, np.ones((3,) * one.ndim))
+    return [tuple(np.flatnonzero(labels.reshape(-1) == number).tolist()) for number in range(1, count + 1)]
+
+
+@pytest.mark.parametrize("compiled", PATHS)
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 1.0])
 @pytest.mark.parametrize("sides", [(30,), (12, 17), (5, 6, 7)])
-def test_regions_are_those_of_scipy(sides: tuple[int, ...], share: float, flood: object) -> None:
-    rng, ndim = np.random.default_rng(len(sides)), len(sides)
-    maps = np.pad((rng.random((3, *sides)) < share).astype(np.uint8), [(0, 0), *[(1, 1)] * ndim])
-    steps = np.array([step for step in itertools.product((-1, 0, 1), repeat=ndim) if any(step)])
-    offsets = steps @ np.array([np.prod(maps.shape[2 + axis :], dtype=int) for axis in range(ndim)])
-    expected = [ndimage.label(one, np.ones((3,) * ndim)) for one in maps]
-    flat = maps.reshape(3, -1).copy()
-    pixels, begin, owner = flood(flat, offsets)  # type: ignore[operator]
-    assert not flat.any()
-    assert (np.diff(owner) >= 0).all()
-    assert np.bincount(owner, minlength=3).tolist() == [count for _, count in expected]
-    for i, n in enumerate(owner):
-        region = pixels[begin[i] : begin[i + 1]]
-        labels = expected[n][0].reshape(-1)
-        assert region[0] == region.min()
-        assert len(set(region.tolist())) == len(region) == (labels == labels[region[0]]).sum()
-        assert (labels[region] == labels[region[0]]).all()
+def test_regions_are_those_of_scipy(
+    sides: tuple[int, ...], share: float, compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(regions, "has_compiler", lambda: compiled)
+    maps = np.random.default_rng(len(sides)).random((2, 3, *sides)) < share
+    found, code = gathered(maps, limit=10**6, budget=10**6, most=10**6, whole=False)
+    expected = [(n, region) for n in range(3) for g in range(2) for region in labelled(maps[g, n])]
+    assert sorted(found) == sorted(expected)
+    pairs = {(region, number) for (_, region), number in zip(found, code, strict=True)}
+    assert len(pairs) == len({region for region, _ in pairs}) == len({number for _, number in pairs})
+
+
+@pytest.mark.parametrize("compiled", PATHS)
+def test_what_is_too_large_or_too_many_is_left_out(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(regions, "has_compiler", lambda: compiled)
+    maps = np.zeros((1, 2, 7, 20), bool)
+    maps[0, 0, 1, 1:15:2] = True  # 7 regions of one pixel
+    maps[0, 0, 3:5, :6] = True  # and one of 12
+    maps[0, 0, 6, 3:5] = True
+    maps[0, 1, :, 3] = True
+    sizes = [(n, len(region)) for n, region in gathered(maps, limit=11, budget=200, most=3, whole=False)[0]]
+    assert sorted(sizes) == [(0, 1)] * 4 + [(0, 2), (1, 7)]  # 4 are more than 3, and as good as 7
+    sizes = [(n, len(region)) for n, region in gathered(maps, limit=25, budget=20, most=9, whole=True)[0]]
+    assert sorted(sizes) == [(1, 7), (1, 7)]  # 21 pixels of the first shape are beyond the budget

@@ -55,7 +55,9 @@ def test_a_box_larger_than_the_array_opens_to_nothing() -> None:
 @pytest.mark.parametrize("size", [(17,), (12, 19), (6, 5, 7)])
 def test_a_region_lies_on_one_side_only(size: tuple[int, ...]) -> None:
     inside = (random_shapes(*size) > 0.5).double()
-    for shape, regions in zip(inside, region_flips.candidates(inside, 0.5), strict=True):
+    found = region_flips.candidates(inside, 0.5, 9)
+    for n, shape in enumerate(inside):
+        regions = found.of(n)
         assert len(regions) > 3
         for region in regions:
             assert len(set(shape.view(-1)[torch.from_numpy(region)].tolist())) == 1
@@ -65,7 +67,7 @@ def test_a_region_lies_on_one_side_only(size: tuple[int, ...]) -> None:
 def test_the_regions_of_an_appendage() -> None:
     # 8 x 11 body at rows 2-9, columns 2-12, with a 3 x 2 appendage below, at columns 6-8.
     shape = shapes.with_appendages((8, 11), [shapes.Appendage("bottom", 3, 2)], margin=2)
-    regions = {tuple(np.sort(region)) for region in region_flips.candidates(shape[None].double(), 0.5)[0]}
+    regions = {tuple(np.sort(region)) for region in region_flips.candidates(shape[None].double(), 0.5, 16).of(0)}
     at = torch.arange(shape.numel()).reshape(shape.shape)
     assert tuple(at[10:12, 6:9].flatten().tolist()) in regions  # what a 4-square cannot reach
     assert tuple(at[2, 2:13].tolist()) in regions  # the whole top row
@@ -79,7 +81,7 @@ def test_a_grey_region_is_a_region_of_its_own() -> None:
     probability[:, 4:16, 4:16] = 1.0
     probability[:, 4:16, 16:20] = 0.6  # inside, in doubt
     probability[:, 6:14, 1:4] = 0.4  # outside, in doubt
-    regions = {tuple(np.sort(region)) for region in region_flips.candidates(probability, 0.5)[0]}
+    regions = {tuple(np.sort(region)) for region in region_flips.candidates(probability, 0.5, 16).of(0)}
     at = torch.arange(20 * 24).reshape(20, 24)
     assert tuple(at[4:16, 16:20].flatten().tolist()) in regions
     assert tuple(at[6:14, 1:4].flatten().tolist()) in regions
@@ -90,22 +92,17 @@ def test_a_grey_region_is_a_region_of_its_own() -> None:
 )
 def test_differences_are_exact(options: dict[str, Any]) -> None:
     inside = random_shapes(14, 17) > 0.5
-    regions = [found[:5] for found in region_flips.candidates(inside.double(), 0.5)]
+    found = region_flips.candidates(inside.double(), 0.5, 9)
+    regions = [found.of(n)[:5] for n in range(len(inside))]
     value, difference = region_flips.differences(inside, regions, Measure(**options))
     for n, shape in enumerate(inside):
         before = torchlinf.complexity(shape, spatial_ndim=2, **options)
         assert value[n] == before
         for region, found in zip(regions[n], difference[n], strict=True):
             after = torchlinf.complexity(flipped_by(shape, region), spatial_ndim=2, **options)
-            assert found == float(after - before)
-
-
-def test_differences_do_not_depend_on_how_solves_are_grouped(monkeypatch: pytest.MonkeyPatch) -> None:
-    probability = random_shapes(14, 17)
-    expected = finite_difference_gradient(probability, **OPTIONS)
-    monkeypatch.setattr(region_flips, "SOLVE_PIXELS", 3 * 14 * 17)
-    found = finite_difference_gradient(probability, **OPTIONS)
-    assert all(torch.equal(a, b) for a, b in zip(found, expected, strict=True))
+            # No bit of an entropy is in doubt at these options; a standard deviation is known to twice the tolerance.
+            slack = 4e-9 if "estimator" in options else 0.0
+            assert abs(found - float(after - before)) <= slack
 
 
 def test_the_flip_of_an_appendage_is_worth_all_of_the_complexity() -> None:
@@ -125,8 +122,12 @@ def test_octaves_of_size_take_turns_and_ties_stay_together() -> None:
     of_sizes = [np.arange(start, start + n) for start, n in enumerate((1, 3, 2, 3, 13, 2, 7, 12))]
     of_sizes.append(np.array([3, 2, 1]))  # the first of size 3 again
 
+    begin = np.cumsum([0, *map(len, of_sizes)])
+    code = np.array([0, 1, 2, 3, 4, 5, 6, 7, 1], np.uint64)
+    proposed = region_flips.Candidates(np.concatenate(of_sizes), begin, np.zeros(9, np.int32), code)
+
     def sizes(max_flips: int) -> list[int]:
-        return [len(region) for region in region_flips.select(inside, [of_sizes], max_flips)[0]]
+        return [len(region) for region in region_flips.select(inside, proposed, max_flips)[0]]
 
     assert sizes(9) == [12, 7, 3, 3, 1, 2, 2]  # not the one of 13: it leaves less than half
     assert sizes(6) == sizes(5) == [12, 7, 3, 3, 1]
@@ -137,7 +138,7 @@ def test_octaves_of_size_take_turns_and_ties_stay_together() -> None:
 
 def test_a_large_opening_leads_from_a_disc_to_a_square() -> None:
     disc = shapes.disc(24, margin=4)
-    regions = region_flips.select(disc[None], region_flips.candidates(disc[None].double(), 0.5), 16)
+    regions = region_flips.select(disc[None], region_flips.candidates(disc[None].double(), 0.5, 16), 16)
     difference = region_flips.differences(disc[None], regions, Measure())[1][0]
     assert difference.min() < -1.0
     assert len(regions[0][difference.argmin()]) > 400

@@ -55,6 +55,12 @@ from .field import (
 from .field import (
     solve_field as solve_field,
 )
+from .losses import (
+    Simplification as Simplification,
+)
+from .losses import (
+    simplify as simplify,
+)
 from .measure import (
     ComplexityProfile as ComplexityProfile,
 )

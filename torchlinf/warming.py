@@ -11,7 +11,7 @@ import torch
 
 from torchlinf.field import chessboard_distance, linf_field
 from torchlinf.kernels import has_compiler
-from torchlinf.losses import ShapeComplexityLoss
+from torchlinf.losses import ShapeComplexityLoss, simplify
 from torchlinf.measure import complexity, own_angle, soft_complexity, turned
 
 SIDES = ((41,), (70, 90), (9, 11, 10), (5, 6, 5, 7))  # in 2-D large enough for coarse grids
@@ -58,6 +58,7 @@ def _call_everything() -> None:
         if ndim == 2:
             grey = torch.rand((1, 1, 12, 14), generator=generator, device="cpu").requires_grad_()
             ShapeComplexityLoss()(grey, torch.ones_like(grey)).backward()
+            simplify(mask[:40, :40], weight=0.1, max_flips=2, keep_topology=True, spatial_ndim=2)
     small_mask = np.tri(12, 9, dtype=np.bool_)
     turned(small_mask, own_angle(small_mask))
     y, x = np.mgrid[:LARGE, :LARGE]

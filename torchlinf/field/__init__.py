@@ -7,7 +7,7 @@ CPU). What other packages of torchlinf may use is in `__all__`.
 from torchlinf.field.certificate import RESOLUTION, ROUNDING, certify
 from torchlinf.field.distance import chessboard_distance
 from torchlinf.field.erosions import soft_distance_of
-from torchlinf.field.methods import METHODS, solve_shape, uses_kernels
+from torchlinf.field.methods import METHODS, solve_locally, solve_shape, uses_kernels
 from torchlinf.field.problem import Problem, pose
 from torchlinf.field.soft import (
     as_probability,
@@ -47,6 +47,7 @@ __all__ = [
     "soft_linf_field",
     "solve",
     "solve_field",
+    "solve_locally",
     "solve_shape",
     "uses_kernels",
 ]

@@ -16,6 +16,7 @@ from torchlinf.field.value_iteration import ValueIteration
 from torchlinf.kernels import has_compiler, usable
 
 if TYPE_CHECKING:
+    from torchlinf.field.local_solve import LocalSolve
     from torchlinf.field.policy_iteration import PolicyIteration
 
 Solver = Callable[[Problem, float, int | None], FieldSolution]
@@ -62,3 +63,10 @@ def solve_shape(mask: NDArray[np.bool_], rho: float | None, tol: float, check: C
     from torchlinf.field.policy_iteration import solve_shape
 
     return solve_shape(mask, rho, tol, check)
+
+
+def solve_locally(solved: "PolicyIteration", rho: float | None, tol: float) -> "LocalSolve":
+    """A solved shape in which pixels can be flipped, solved anew only where that reaches; it takes over the arrays."""
+    from torchlinf.field.local_solve import LocalSolve
+
+    return LocalSolve(solved, rho, tol)

@@ -23,6 +23,7 @@ from torchlinf.kernels.policy_system import PolicySystem
 
 SWEEPS = 40  # a sweep costs 3^(n-1) rows, a solve the same in all dimensions: so many sweeps by n between two solves,
 # or D / 8 if that is more; doubled where progress stalls, since sweeps alone converge
+FIRST_SWEEPS = 12  # before the first solve where the field of much the same shape is known
 LARGE = 60_000  # pixels from which on it pays to find out where sweeps are needed
 BURST = 5  # sweeps after which it is decided anew where to sweep
 AT_REST = 1e-3  # share of the largest residual below which a tile rests
@@ -150,6 +151,19 @@ class PolicyIteration:
             self.iterate()
         return self.v.reshape(self.shape.grid.shape)[grid.interior(len(self.shape.grid.shape))]
 
+    def run_from(self, v: np.ndarray) -> None:
+        """Solve from the field of a shape that is much the same, flat and padded; 0 where nothing is known."""
+        if not self.solvable:
+            return
+        grid = self.shape.grid
+        self.v[:] = np.where((v > 0) & (self.shape.distance > 0), v, self.v)
+        stencil.sweep(*self.stencil, 1.0 / (2.0 + self.shape.screening), None, FIRST_SWEEPS, self.buffer)
+        self.num_sweeps += FIRST_SWEEPS
+        if not self.certify():
+            self.solve_policies(PolicySystem(grid, self.shape.screening))
+            if not self.certify():
+                self.iterate()
+
     def refine(self, tol: float) -> bool:
         """Solve on, to a smaller tolerance as far as floating point goes; True if the bound became smaller."""
         wanted, before, kept = self.tol, self.bound, self.v.copy()
@@ -209,12 +223,16 @@ class PolicyIteration:
             best = min(best, self.residual)
             if idle == PATIENCE:
                 idle, count = 0, 2 * count
-            tie = max(TIE * float(self.shape.profile[-1]), NOISE * self.residual)
-            stencil.choose_policies(*self.stencil, tie, system.up, system.down, self.buffer)
-            system.solve(self.v, max(NOISE * self.residual, 1e-13 * float(self.shape.profile[-1])))
-            self.num_solves += 1
+            self.solve_policies(system)
             if self.certify():
                 break
+
+    def solve_policies(self, system: PolicySystem) -> None:
+        """One linear solve of the policies that v chooses."""
+        tie = max(TIE * float(self.shape.profile[-1]), NOISE * self.residual)
+        stencil.choose_policies(*self.stencil, tie, system.up, system.down, self.buffer)
+        system.solve(self.v, max(NOISE * self.residual, 1e-13 * float(self.shape.profile[-1])))
+        self.num_solves += 1
 
     def relax(self, count: int) -> bool:
         """Sweep `count` times, on large shapes only where v changes, and oftener if cheap; True once certified."""

@@ -55,11 +55,20 @@ class PolicySystem:
             v, self.grid.starts, self.grid.ends, self.up, self.down, self._factors, self._screening, self._owner,
             self._path, state,
         ):  # fmt: skip
-            unknowns += solve_cycle(
-                v, int(self._path[state[_HEIGHT] - 1]), self.up, self.down, self._factors, self._screening, tol,
-                self._owner, self._chains,
-            )  # fmt: skip
+            unknowns += self.solve_cycle(v, state, tol)
         return unknowns
+
+    def solve_cycle(self, v: np.ndarray, state: np.ndarray, tol: float) -> int:
+        """Solve the cycle that `follow_chains` has stopped at."""
+        return solve_cycle(
+            v, int(self._path[state[_HEIGHT] - 1]), self.up, self.down, self._factors, self._screening, tol,
+            self._owner, self._chains,
+        )  # fmt: skip
+
+    @property
+    def scratch(self) -> tuple[np.ndarray, ...]:
+        """What `follow_chains` works on: policies up and down, the factors of chains, and two arrays of scratch."""
+        return self.up, self.down, self._factors, self._owner, self._path
 
 
 @kernel

@@ -104,7 +104,7 @@ def finite_difference_gradient(
     """
     probability = probability.contiguous()
     inside = probability > threshold
-    regions = select(inside, candidates(probability, threshold), max_flips)
+    regions = select(inside, candidates(probability, threshold, max_flips), max_flips)
     value, difference = differences(inside, regions, measure)
     gradient = np.zeros((len(inside), inside[0].numel()))
     for n, (shape, tried) in enumerate(zip(inside.flatten(1).numpy(), regions, strict=True)):

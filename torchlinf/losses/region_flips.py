@@ -6,7 +6,10 @@ which a grey prediction is in doubt, and rows of pixels along straight pieces of
 """
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import ceil
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,7 +17,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchlinf._helpers.morphology import closed, opened
-from torchlinf.measure import Measure, complexity
+from torchlinf._helpers.parallel import for_each
+from torchlinf.kernels import has_compiler
+from torchlinf.kernels.regions import RegionList, code_of_pixels
+from torchlinf.measure import Measure, complexities_after_flips, complexity
 
 # Sides in pixels of the squares and bars that open and close the shape: every small one, then in steps of sqrt 2. The
 # large ones are what leads a disc out of its local minimum, where no small region helps.
@@ -22,35 +28,94 @@ SIDES = (2, 3, 4, 5, 6, 7, 8, 11, 16, 23, 32, 45, 64)
 DOUBT = (0.3, 0.7)  # levels of the prediction that are compared with the shape, for a threshold of 1/2
 SOLVE_PIXELS = 1 << 22  # of the masks that are solved in one call, which bounds the memory
 
+# Pixels that are looked at for a shape, in units of the pixels of its array. Silhouettes take 2, windows of facades up
+# to 5. Noise would take 37, for regions of which there are too many of each size to be chosen anyway.
+BUDGET = 8
+CHUNK = 1 << 19  # pixels whose maps are made at a time, which bounds the memory
+
 Region = NDArray[np.int64]  # flat indices of the pixels of a region, all inside or all outside the shape
 Steps = list[tuple[int, ...]]  # from a pixel to those that belong to the same region
 
 
-def candidates(probability: Tensor, threshold: float) -> list[list[Region]]:
-    """Regions of each shape {probability > threshold} that may be flipped.
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Regions of N shapes that may be flipped.
+
+    Attributes:
+        pixels: (total,) int32, flat indices, region by region; within a region in any order.
+        begin: (R + 1,) int64, where each region begins, and the last one ends.
+        owner: (R,) int32, the shape that each region belongs to.
+        code: (R,) uint64, the same for the same pixels, and for different ones as good as never.
+    """
+
+    pixels: NDArray[np.int32]
+    begin: NDArray[np.int64]
+    owner: NDArray[np.int32]
+    code: NDArray[np.uint64]
+
+    def of(self, shape: int) -> list[Region]:
+        """The regions of one shape."""
+        return [self.region(i) for i in np.flatnonzero(self.owner == shape).tolist()]
+
+    def region(self, number: int) -> Region:
+        """The pixels of a region, ascending."""
+        return np.sort(self.pixels[self.begin[number] : self.begin[number + 1]]).astype(np.int64)
+
+    def chosen(self, keep: NDArray[np.bool_]) -> "Candidates":
+        """Some of the regions."""
+        size = np.diff(self.begin)
+        begin = np.concatenate([[0], np.cumsum(size[keep])])
+        return Candidates(self.pixels[np.repeat(keep, size)], begin, self.owner[keep], self.code[keep])
+
+
+def candidates(probability: Tensor, threshold: float, max_flips: int, inside: Tensor | None = None) -> Candidates:
+    """Regions of each shape {probability > threshold} that `select` may choose from.
+
+    What can never be chosen is left out before it is made: regions of more than half of the shape, and those of a size
+    of which there are too many at once. Maps of what openings and closings change are looked at from small sides to
+    large ones, as far as `BUDGET` reaches. So the cost is that of some passes over the array, whatever it holds. Mirror
+    images have the mirrored candidates.
 
     Args:
-        probability: (N, *spatial) in [0, 1], contiguous, on the CPU.
+        probability: (N, *spatial) in [0, 1], on the CPU.
         threshold: the shape is where the probability is greater; in (0, 1).
+        max_flips: how many regions of a shape will be chosen.
+        inside: like `probability`, bool, other shapes whose regions are looked for, of which the probability tells
+            where they are in doubt.
 
     Returns:
-        N lists of regions. A region may come several times, and its pixels in any order.
+        The regions. One may come several times.
 
     Example:
-        >>> regions = candidates(torch.tensor([[0.9, 0.9, 0.9, 0.1, 0.9]]), 0.5)
-        >>> [region.tolist() for region in regions[0]][:3]
-        [[4], [4], [3]]
+        >>> found = candidates(torch.tensor([[0.9, 0.9, 0.9, 0.1, 0.9]]), 0.5, 16)
+        >>> sorted({tuple(region.tolist()) for region in found.of(0)})
+        [(0,), (2,), (3,), (4,)]
     """
-    inside = probability > threshold
-    regions: list[list[Region]] = [[] for _ in inside]
-    block = [step for step in itertools.product((-1, 0, 1), repeat=inside.ndim - 1) if any(step)]
-    for marked, steps in _maps(probability, inside, threshold, block):
-        for n, region in _connected_regions(marked, steps, whole=steps is block):
-            regions[n].append(region)
-    return regions
+    # In NumPy: the torch operations of a thread would start threads of their own.
+    grey = probability.numpy()
+    mask = grey > threshold if inside is None else inside.numpy()
+    count, size = len(probability), probability[0].numel()
+    step = max(1, min(ceil(count / torch.get_num_threads()), CHUNK // size))
+    parts: list[tuple[NDArray[Any], ...]] = [()] * ceil(count / step)
+
+    def gather(i: int, check: Callable[[], None]) -> None:
+        some = slice(i * step, (i + 1) * step)
+        parts[i] = _regions_of(grey[some], mask[some], threshold, max_flips, check)
+
+    for_each(gather, len(parts))
+    pixels, begins, owners, codes = zip(*parts, strict=True)
+    ends = np.cumsum([0, *map(len, pixels)]).tolist()
+    begin = [np.zeros(1, np.int64), *(begin[1:] + end for begin, end in zip(begins, ends, strict=False))]
+    owner = [owner + np.int32(i * step) for i, owner in enumerate(owners)]
+    return Candidates(*(np.concatenate(arrays) for arrays in (pixels, begin, owner, codes)))
 
 
-def select(inside: Tensor, regions: list[list[Region]], max_flips: int) -> list[list[Region]]:
+def code_of(region: Region) -> int:
+    """The `Candidates.code` of a region."""
+    return int(code_of_pixels(region))
+
+
+def select(inside: Tensor, proposed: Candidates, max_flips: int) -> list[list[Region]]:
     """At most `max_flips` regions of each shape, each once, of all sizes, none of more than half the shape's area.
 
     Sizes are classed by octaves, and the largest regions left of each octave are taken in turn: large ones lead out of
@@ -59,27 +124,41 @@ def select(inside: Tensor, regions: list[list[Region]], max_flips: int) -> list[
     more than half of it is flipped.
 
     Example:
-        >>> regions = [np.arange(n) for n in (1, 2, 3, 4)]
-        >>> chosen = select(torch.ones(1, 6, dtype=torch.bool), [regions], 2)
+        >>> pixels, begin = np.array([0, 0, 1, 0, 1, 2, 0, 1, 2, 3], np.int32), np.array([0, 1, 3, 6, 10])
+        >>> proposed = Candidates(pixels, begin, np.zeros(4, np.int32), np.arange(4, dtype=np.uint64))
+        >>> chosen = select(torch.ones(1, 6, dtype=torch.bool), proposed, 2)
         >>> [region.tolist() for region in chosen[0]]  # 4 of 6 pixels is too many; 3 and 2 are of one octave
         [[0, 1, 2], [0]]
     """
-    chosen: list[list[Region]] = []
-    for shape, proposed in zip(inside, regions, strict=True):
-        limit = int(shape.sum()) // 2
-        ranked = sorted((region for region in proposed if len(region) <= limit), key=len, reverse=True)
-        octaves: dict[int, list[list[Region]]] = {}
-        for size, same_size in itertools.groupby(ranked, key=len):
-            octaves.setdefault(size.bit_length(), []).append(list(same_size))
-        taken: list[Region] = []
-        for together in itertools.chain.from_iterable(itertools.zip_longest(*octaves.values(), fillvalue=[])):
-            if len(taken) == max_flips:
-                break
-            different = {region.tobytes(): region for region in map(np.sort, together)}
-            if len(taken) + len(different) <= max_flips:
-                taken.extend(different.values())
-        chosen.append(taken)
-    return chosen
+    size = np.diff(proposed.begin)
+    limit = inside.flatten(1).count_nonzero(dim=1).numpy() // 2
+    order = np.flatnonzero(size <= limit[proposed.owner])
+    order = order[np.lexsort((proposed.code[order], -size[order], proposed.owner[order]))]
+    new = np.zeros(len(order), np.bool_)
+    new[:1] = True
+    for fact in (proposed.owner, size, proposed.code):
+        new[1:] |= fact[order[1:]] != fact[order[:-1]]
+    order = order[new]
+    ends = np.searchsorted(proposed.owner[order], np.arange(len(inside) + 1)).tolist()
+    sizes, numbers = size[order].tolist(), order.tolist()
+    return [
+        [proposed.region(numbers[i]) for i in _in_turn(sizes, range(begin, end), max_flips)]
+        for begin, end in itertools.pairwise(ends)
+    ]
+
+
+def _in_turn(sizes: list[int], ranked: range, max_flips: int) -> list[int]:
+    """The choice for one shape, from its different regions, the largest first."""
+    octaves: dict[int, list[list[int]]] = {}
+    for size, same_size in itertools.groupby(ranked, key=sizes.__getitem__):
+        octaves.setdefault(size.bit_length(), []).append(list(same_size))
+    taken: list[int] = []
+    for together in itertools.chain.from_iterable(itertools.zip_longest(*octaves.values(), fillvalue=[])):
+        if len(taken) == max_flips:
+            break
+        if len(taken) + len(together) <= max_flips:
+            taken.extend(together)
+    return taken
 
 
 def differences(
@@ -101,10 +180,9 @@ def differences(
         >>> value, difference
         (tensor([0.], dtype=torch.float64), array([0.]))
     """
-    counts = [1 + len(tried) for tried in regions]
-    parts = complexities(_flipped(inside, regions), inside, measure).split(counts)
-    value = torch.cat([part[:1] for part in parts])
-    return value, [(part[1:] - part[0]).numpy() for part in parts]
+    found = complexities_after_flips(list(inside.numpy()), regions, measure)
+    value = torch.tensor([before for before, _ in found], dtype=torch.float64, device="cpu")
+    return value, [after - before for before, after in found]
 
 
 def complexities(masks: Iterator[Tensor], like: Tensor, measure: Measure) -> Tensor:
@@ -122,36 +200,83 @@ def complexities(masks: Iterator[Tensor], like: Tensor, measure: Measure) -> Ten
     return torch.cat(values)
 
 
-def _flipped(inside: Tensor, regions: list[list[Region]]) -> Iterator[Tensor]:
-    """Each shape, followed by the shape after the flip of each of its regions."""
-    for shape, tried in zip(inside, regions, strict=True):
-        yield shape
-        for region in tried:
-            after = shape.clone()
-            after.view(-1)[torch.from_numpy(region)] ^= True
-            yield after
+def _regions_of(
+    grey: NDArray[np.floating], mask: NDArray[np.bool_], threshold: float, max_flips: int, check: Callable[[], None]
+) -> tuple[NDArray[Any], ...]:
+    """Pixels, begin, owner and code of the candidates of some shapes."""
+    ndim = mask.ndim - 1
+    limit = np.count_nonzero(mask.reshape(len(mask), -1), axis=1) // 2
+    regions = RegionList(mask.shape[1:], limit, BUDGET * mask[0].size, max_flips)
+    block = [step for step in itertools.product((-1, 0, 1), repeat=ndim) if any(step)]
+    around = np.array(block).reshape(-1, ndim) @ regions.strides
 
+    def gather(marks: list[NDArray[np.bool_]], offsets: NDArray[np.int64] | None = None) -> None:
+        """Maps that an axis swap turns into each other come together, so that the budget treats them alike."""
+        check()
+        maps, view = regions.empty_maps(len(marks))
+        for one, marked in zip(view, marks, strict=True):
+            one[:] = marked
+        regions.gather(maps, np.tile(around, (len(marks), 1)) if offsets is None else offsets, offsets is None)
 
-def _maps(probability: Tensor, inside: Tensor, threshold: float, block: Steps) -> Iterator[tuple[Tensor, Steps]]:
-    """Maps of what might be flipped, (N, *spatial) bool, and the steps between pixels that are flipped together."""
-    ndim = inside.ndim - 1
-    # Boxes that are longer than the array all act like one of its own length (closing) or leave nothing (opening).
-    longest = [size + 1 for size in inside.shape[1:]]
-    boxes: dict[tuple[int, ...], None] = {}
-    for side in SIDES:
-        for axes in [range(ndim), *([axis] for axis in range(ndim))]:
-            boxes[tuple(min(side, longest[i]) if i in axes else 1 for i in range(ndim))] = None
-    for sides in boxes:
-        yield inside & ~opened(inside, sides), block
-        yield closed(inside, sides) & ~inside, block
-    for level in DOUBT:
-        yield (probability > level_at_odds(threshold, level)) ^ inside, block
+    low, high = (grey > level_at_odds(threshold, level) for level in DOUBT)
+    gather([low & ~mask, mask & ~high])
+    rows, along = [], []
     for axis in range(ndim):
-        along = [step for step in block if step[axis] == 0 and sum(map(abs, step)) == 1]
         for direction in (1, -1):
-            beside = _neighbour(inside, axis + 1, direction)
-            yield inside & ~beside, along
-            yield beside & ~inside, along
+            beside = _neighbour(mask, axis + 1, direction)
+            rows += [mask & ~beside, beside & ~mask]
+        faces = np.delete(regions.strides, axis)
+        along += [np.concatenate([[0], faces, -faces])] * 4
+    gather(rows, np.array(along))
+    # Boxes that are longer than the array all act like one of its own length (closing) or leave nothing (opening).
+    longest = [size + 1 for size in mask.shape[1:]]
+    lengths = [
+        _run_lengths(x, axis, endless) for axis in range(1, ndim + 1) for x, endless in ((mask, False), (~mask, True))
+    ]
+    changed = _by_cubes(mask)
+    for sides in dict.fromkeys(tuple(min(side, most) for most in longest) for side in SIDES):
+        if ndim > 1:
+            gather(changed(sides))
+        gather([length < sides[i // 2] for i, length in enumerate(lengths)])
+    return regions.found()
+
+
+def _by_cubes(mask: NDArray[np.bool_]) -> Callable[[tuple[int, ...]], list[NDArray[np.bool_]]]:
+    """What openings and closings by boxes, cubes as far as the array is long enough, remove and fill."""
+    if mask.ndim != 3 or not has_compiler():
+        inside = torch.from_numpy(mask)
+        return lambda sides: [(inside & ~opened(inside, sides)).numpy(), (closed(inside, sides) & ~inside).numpy()]
+    from torchlinf.kernels.openings import CubeOpenings
+
+    around = min(SIDES[-1], max(mask.shape[1:]) + 1)
+    pairs = [(CubeOpenings(one, 0), CubeOpenings(~one, around)) for one in mask]
+
+    def changed(sides: tuple[int, ...]) -> list[NDArray[np.bool_]]:
+        side = max(sides)
+        opened = np.stack([inner.opened(side) for inner, _ in pairs])
+        left = np.stack([outer.opened(side) for _, outer in pairs])
+        return [mask & ~opened, ~mask & ~left]
+
+    return changed
+
+
+def _run_lengths(marked: NDArray[np.bool_], axis: int, endless: bool) -> NDArray[np.integer]:
+    """The length of the run of marked pixels along an axis that each is in; very long elsewhere.
+
+    So is, if the array is `endless`, a run that reaches its end.
+
+    Example:
+        >>> _run_lengths(np.array([[True, True, False, True]]), 1, False)
+        array([[   2,    2, 9999,    1]], dtype=int16)
+    """
+    size, longest = marked.shape[axis], 9999  # longer than all sides
+    dtype = np.int16 if size < longest else np.int32
+    place = np.arange(1, size + 1, dtype=dtype).reshape(-1, *[1] * (marked.ndim - axis - 1))
+    ends = np.array([-longest, size + longest] if endless else [0, size + 1], dtype)
+    before = np.maximum.accumulate(np.where(marked, ends[0], place), axis=axis)
+    after = np.minimum.accumulate(np.flip(np.where(marked, ends[1], place), axis), axis=axis)
+    lengths = np.minimum(np.flip(after, axis) - before - dtype(1), dtype(longest))
+    return np.where(marked, lengths, dtype(longest))
 
 
 def level_at_odds(threshold: float, level: float) -> float:
@@ -165,28 +290,13 @@ def level_at_odds(threshold: float, level: float) -> float:
     return odds / (1 + odds)
 
 
-def _connected_regions(marked: Tensor, steps: Steps, whole: bool) -> Iterator[tuple[int, Region]]:
-    """Each map as a whole, if asked for, and each of its connected regions; with the number of its shape."""
-    from torchlinf.kernels.regions import flood
-
-    padded = torch.nn.functional.pad(marked.view(torch.uint8), [1, 1] * (marked.ndim - 1))
-    strides = np.array(padded.stride()[1:])
-    index = np.full(padded.shape[1:], -1)
-    index[(slice(1, -1),) * (marked.ndim - 1)] = np.arange(marked[0].numel()).reshape(marked.shape[1:])
-    offsets = np.array(steps, dtype=np.int64).reshape(-1, marked.ndim - 1) @ strides
-    pixels, begin, owner = flood(padded.flatten(1).numpy(), offsets)
-    pixels = index.ravel()[pixels]
-    if whole:
-        first = begin[np.searchsorted(owner, np.arange(len(marked) + 1))].tolist()
-        yield from ((n, pixels[first[n] : first[n + 1]]) for n in range(len(marked)) if first[n + 1] > first[n])
-    begin = begin.tolist()
-    yield from ((n, pixels[begin[i] : begin[i + 1]]) for i, n in enumerate(owner.tolist()))
-
-
-def _neighbour(inside: Tensor, dim: int, direction: int) -> Tensor:
+def _neighbour(mask: NDArray[np.bool_], axis: int, direction: int) -> NDArray[np.bool_]:
     """Whether the next pixel in a direction is inside; beyond the array is outside."""
-    shifted = torch.zeros_like(inside)
-    size = inside.shape[dim] - 1
-    near, far = (0, 1) if direction > 0 else (1, 0)
-    shifted.narrow(dim, near, size).copy_(inside.narrow(dim, far, size))
+    shifted = np.zeros_like(mask)
+    first = (slice(None),) * axis
+    near, far = (*first, slice(None, -1)), (*first, slice(1, None))
+    if direction > 0:
+        shifted[near] = mask[far]
+    else:
+        shifted[far] = mask[near]
     return shifted

@@ -25,8 +25,9 @@ from torchlinf.measure.options import (
     takes,
 )
 from torchlinf.measure.pixel_map import complexity_map
-from torchlinf.measure.profile import ComplexityProfile, Parts, profile_of_field, profile_of_levels
+from torchlinf.measure.profile import ComplexityProfile, Parts, mean_of_levels, profile_of_field, profile_of_levels
 from torchlinf.measure.soft import soft_complexity
+from torchlinf.measure.solved_shape import SolvedShape, complexities_after_flips
 from torchlinf.measure.spacing import checked_spacing, cube_size, equal_spacing
 from torchlinf.measure.spacing import of_words as spacing_of_words
 from torchlinf.measure.spacing import words as spacing_words
@@ -46,8 +47,10 @@ __all__ = [
     "ProfileOptions",
     "Rectangle",
     "SoftOptions",
+    "SolvedShape",
     "WindowOptions",
     "checked_spacing",
+    "complexities_after_flips",
     "complexity",
     "complexity_map",
     "complexity_profile",
@@ -56,6 +59,7 @@ __all__ = [
     "equal_spacing",
     "in_frame",
     "level_values",
+    "mean_of_levels",
     "own_angle",
     "profile_of_field",
     "profile_of_levels",

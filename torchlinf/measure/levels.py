@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import ceil
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -180,30 +180,49 @@ class _Solved(NamedTuple):
 
 def _by_kernels(mask: NDArray[np.bool_], rho: float | None, measure: Measure, check: Callable[[], None]) -> _Solved:
     """Solve one cropped shape."""
-    from torchlinf.kernels import grid, histograms
+    from torchlinf.kernels import grid
 
     solved = solve_shape(mask, rho, measure.tol, check)
-    distance = solved.shape.distance
-    if measure.levels == "rim":
-        distance = histograms.rim(distance, solved.shape.grid.strides)
+    number = numbers_of(solved.shape.distance, solved.shape.grid.strides, measure)
+    values, bounds = refined_estimates(solved, number, measure)
+    shape = solved.shape.grid.shape
+    within = grid.interior(len(shape))
+    field, distance = solved.v.reshape(shape)[within], number.reshape(shape)[within]
+    return _Solved(values, bounds, solved.bound, solved.sweeps(), int(solved.status), field, distance)
 
-    def estimate() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        # The ring of outside pixels is on no level, so field and distance can stay padded.
-        values, begin = histograms.sort_by_level(solved.v, distance, solved.shape.radius)
-        error = solved.bound + ROUNDING * values.max()
-        if measure.estimator == "std":
-            return histograms.deviations(values, begin), histograms.deviation_bounds(values, begin, error)
-        found = histograms.entropies(values, begin, measure.bins, EDGE_SLACK)
-        return found, histograms.entropy_bounds(values, begin, measure.bins, EDGE_SLACK, error, found)
 
-    values, bounds = estimate()
+def numbers_of(distance: NDArray[np.int32], strides: NDArray[np.int64], measure: Measure) -> NDArray[np.int32]:
+    """The level of each pixel of one shape, 0 for none; flat and padded."""
+    from torchlinf.kernels import histograms
+
+    return histograms.rim(distance, strides) if measure.levels == "rim" else distance
+
+
+def refined_estimates(
+    solved: Any, number: NDArray[np.int32], measure: Measure
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Values and bounds of the levels of what `solve_shape` gives, which is solved on while a level is in doubt."""
+    values, bounds = estimates(solved.v, number, solved.shape.radius, solved.bound, measure)
     for tol in _tighter(measure):
         if bounds.max() <= measure.tol_bits or not solved.refine(tol):
             break
-        values, bounds = estimate()
-    shape = solved.shape.grid.shape
-    field, distance = (flat.reshape(shape)[grid.interior(len(shape))] for flat in (solved.v, distance))
-    return _Solved(values, bounds, solved.bound, solved.sweeps(), int(solved.status), field, distance)
+        values, bounds = estimates(solved.v, number, solved.shape.radius, solved.bound, measure)
+    return values, bounds
+
+
+def estimates(
+    v: NDArray[np.float64], number: NDArray[np.int32], radius: int, bound: float, measure: Measure
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Values and bounds of the levels 1..radius; `number` is each pixel's level or 0, flat and padded like v."""
+    from torchlinf.kernels import histograms
+
+    # The ring of outside pixels is on no level, so field and distance can stay padded.
+    values, begin = histograms.sort_by_level(v, number, radius)
+    error = bound + ROUNDING * values.max()
+    if measure.estimator == "std":
+        return histograms.deviations(values, begin), histograms.deviation_bounds(values, begin, error)
+    found = histograms.entropies(values, begin, measure.bins, EDGE_SLACK)
+    return found, histograms.entropy_bounds(values, begin, measure.bins, EDGE_SLACK, error, found)
 
 
 def level_values(

@@ -252,13 +252,8 @@ class ComplexityProfile:
 
     def _mean_of(self, of_levels: Tensor, low: float, high: float) -> Tensor:
         """Exact mean over the scales in (low, high] of one number a level."""
-        shape, number = numbered(self.radius.flatten())
-        radius = self.radius.flatten().numpy(force=True)
-        terms = of_levels.numpy(force=True) * length_within(number, radius[shape], low, high)
-        # Summed as integers: no value exceeds 20 bits, and the lengths add up to 1.
-        found = np.full(len(radius), np.nan)
-        found[radius > 0] = _reduced(np.add, np.rint(terms * UNIT).astype(np.int64), radius) / UNIT / (high - low)
-        return self._lead(found)
+        arrays = of_levels.numpy(force=True), self.radius.flatten().numpy(force=True)
+        return self._lead(mean_of_levels(*arrays, low, high))
 
     def peak(self) -> tuple[Tensor, Tensor]:
         """Largest level value and the scale it is reached at.
@@ -340,6 +335,29 @@ class ComplexityProfile:
         if self.parts is None:
             return moved
         return replace(moved, parts=self.parts.moved(device))
+
+
+def mean_of_levels(
+    of_levels: NDArray[np.float64], radius: NDArray[np.int64], low: float, high: float
+) -> NDArray[np.float64]:
+    """Exact mean over the scales in (low, high] of one number a level, for N shapes; NaN for radius 0.
+
+    Args:
+        of_levels: (sum of radius,) the levels of all shapes one after the other.
+        radius: (N,) how many each shape has.
+        low: lower end of the window, excluded.
+        high: upper end, included.
+
+    Example:
+        >>> mean_of_levels(np.array([1.0, 2.0, 5.0]), np.array([2, 0, 1]), 0.0, 0.75).round(3)
+        array([1.333,   nan, 5.   ])
+    """
+    shape, number = numbered(torch.from_numpy(radius))
+    terms = of_levels * length_within(number, radius[shape], low, high)
+    # Summed as integers: no value exceeds 20 bits, and the lengths add up to 1.
+    found = np.full(len(radius), np.nan)
+    found[radius > 0] = _reduced(np.add, np.rint(terms * UNIT).astype(np.int64), radius) / UNIT / (high - low)
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,111 @@
+"""The histograms of the levels after a change of some pixels: counts are moved from cell to cell.
+
+A cell is one bin of one level, number (level - 1) * bins + bin, or -1 for a pixel that is on no level. What was
+overwritten goes to a trail, so that all of it can be undone.
+"""
+
+import numpy as np
+
+from torchlinf.kernels.compiler import inlined, kernel
+
+_UNIT = 2.0**55  # as in `histograms`, so that the same counts give the same entropy to the last bit
+
+
+@inlined
+def _level(distance, x, faces):  # type: ignore[no-untyped-def]
+    """The level of a pixel; with faces only where one of these neighbours has a smaller distance, else 0."""
+    level = distance[x]
+    if faces.size > 0:
+        at_rim = False
+        for offset in faces:
+            at_rim = at_rim or distance[x + offset] < level
+        level = level if at_rim else 0
+    return level
+
+
+@kernel
+def place(  # type: ignore[no-untyped-def]
+    pixels, around, field, distance, faces, peak, bins, slack, error, cell, doubtful, tally, sizes, touched, trail,
+    old, count,
+):  # fmt: skip
+    """Put pixels, and those `around` them, into their cells; returns the largest field there and the trail's length.
+
+    `around` are offsets, among them 0. `faces` are the offsets to the neighbours through faces if levels are rims, else
+    there are none. Values of the field are divided by `peak`, and known to the relative `error` then: a pixel is
+    `doubtful` if another bin is as near. `tally` is the number of pixels of each cell, `sizes` that of each level, from
+    1, and at 0 that of the doubtful ones; `touched` is set where a level changed. `trail` is to hold the pixels that
+    moved, and `old` 2 cell + doubtful before.
+    """
+    largest = 0.0
+    for x0 in pixels:
+        for offset in around:
+            x = x0 + offset
+            level = _level(distance, x, faces)
+            now = np.int64(-1)
+            doubt = np.int64(0)
+            if level > 0:
+                value = field[x]
+                largest = max(largest, value)
+                place = value / peak * bins + slack
+                lower = np.int64(place)
+                if lower < bins:
+                    doubt = np.int64(place - lower < place * error or lower + 1 - place < place * error)
+                now = (level - 1) * bins + min(lower, bins - 1)
+            before = np.int64(cell[x])
+            if now == before and doubt == doubtful[x]:
+                continue
+            trail[count], old[count] = x, 2 * before + doubtful[x]
+            count += 1
+            _move(x, before, now, doubt, bins, cell, doubtful, tally, sizes)
+            if before >= 0:
+                touched[before // bins + 1] = 1
+            if now >= 0:
+                touched[now // bins + 1] = 1
+    return largest, count
+
+
+@inlined
+def _move(x, before, now, doubt, bins, cell, doubtful, tally, sizes):  # type: ignore[no-untyped-def]
+    """`sizes` also counts, at 0, the pixels in doubt."""
+    if before >= 0:
+        tally[before] -= 1
+        sizes[before // bins + 1] -= 1
+    if now >= 0:
+        tally[now] += 1
+        sizes[now // bins + 1] += 1
+    sizes[0] += doubt - doubtful[x]
+    cell[x] = now
+    doubtful[x] = doubt
+
+
+@kernel
+def undo(bins, cell, doubtful, tally, sizes, trail, old, count):  # type: ignore[no-untyped-def]
+    """Put all moved pixels back, the last first."""
+    for k in range(count - 1, -1, -1):
+        x = trail[k]
+        _move(x, np.int64(cell[x]), np.int64(old[k] >> 1), np.int64(old[k] & 1), bins, cell, doubtful, tally, sizes)
+
+
+@kernel
+def update_entropies(tally, sizes, touched, bins, found):  # type: ignore[no-untyped-def]
+    """The entropy in bits of every touched level; the terms are those of `histograms`."""
+    for level in range(1, sizes.size):
+        if touched[level]:
+            touched[level] = 0
+            size = sizes[level]
+            total = np.int64(0)
+            for cell in range((level - 1) * bins, level * bins):
+                if 0 < tally[cell] < size:
+                    share = tally[cell] / size
+                    total -= np.int64(np.rint(share * np.log2(share) * _UNIT))
+            found[level - 1] = total / _UNIT
+
+
+@kernel
+def largest_on_levels(field, cell):  # type: ignore[no-untyped-def]
+    """The largest field of the pixels that are on a level."""
+    largest = 0.0
+    for x in range(cell.size):
+        if cell[x] >= 0:
+            largest = max(largest, field[x])
+    return largest

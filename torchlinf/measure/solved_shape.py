@@ -1,0 +1,296 @@
+"""A shape that is solved once, and what its levels become when pixels are flipped.
+
+Most flips change the field near them and nowhere else. So the field is solved anew only there, and the histograms of
+the levels are changed by the pixels that moved. The whole is solved where the radius changes, which changes everything,
+and where a flip reaches far.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import ceil
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from torchlinf._helpers.boxes import bounding_box
+from torchlinf._helpers.parallel import for_each
+from torchlinf.field import ROUNDING, Status, raise_failures, solve_locally, solve_shape
+from torchlinf.kernels import has_compiler
+from torchlinf.kernels.grid import row_strides
+from torchlinf.measure.entropy import EDGE_SLACK
+from torchlinf.measure.levels import estimates, levels_of_each, numbers_of, refined_estimates
+from torchlinf.measure.options import Measure
+from torchlinf.measure.profile import mean_of_levels
+
+Pixels = NDArray[np.int64]  # flat indices into the mask of a shape, each once
+
+CELLS = 1 << 22  # levels times bins up to which the histograms are kept, of 4 bytes each
+CLOSE = 1e-11  # error bound to which a shape is solved on if its flips are to be exact: else too many are in doubt
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedLevels:
+    """The levels of one shape.
+
+    Attributes:
+        values: (radius,) float64; none for an empty shape.
+        error_bound: (radius,) float64, how far each can be from that of the exact field.
+        field_error_bound: certified relative error of the field at every pixel.
+        local: whether only a part of the shape was solved for it.
+    """
+
+    values: NDArray[np.float64]
+    error_bound: NDArray[np.float64]
+    field_error_bound: float
+    local: bool
+
+
+class SolvedShape:
+    """One shape with its field and the histograms of its levels, ready for flips. Needs numba.
+
+    Args:
+        mask: bool, one shape.
+        measure: how complexity is measured; `rho` must be None or one number.
+        check: called now and then, so that it can end the work by an exception.
+
+    Attributes:
+        mask: the shape.
+        levels: its levels.
+
+    Raises:
+        RuntimeError: a field could not be solved.
+
+    Example:
+        >>> mask = np.ones((6, 8), bool)
+        >>> mask[0, 3:5] = False
+        >>> shape = SolvedShape(mask, Measure())
+        >>> shape.levels.values.round(3), shape.after(np.array([3, 4])).values  # the notch, filled
+        (array([0.779, 0.544, 0.   ]), array([0., 0., 0.]))
+    """
+
+    def __init__(self, mask: NDArray[np.bool_], measure: Measure, check: Callable[[], None] = lambda: None) -> None:
+        self.mask = mask.copy()
+        self._measure, self._rho, self._check = measure, measure.scalar_rho(), check
+        padded = np.zeros([size + 2 for size in mask.shape], np.bool_)
+        padded[(slice(1, -1),) * mask.ndim] = True
+        self._place = np.flatnonzero(padded).astype(np.int32)  # of the mask's pixels on the padded grid
+        strides = row_strides(padded.shape)
+        self._strides = np.array(strides)
+        self._faces = np.array([*strides, *(-stride for stride in strides)] if measure.levels == "rim" else [], int)
+        self._solve()
+
+    def after(self, pixels: Pixels, keep: bool = False) -> SolvedLevels:
+        """The levels after these pixels are flipped; with `keep` the shape stays so.
+
+        Raises:
+            RuntimeError: a field could not be solved.
+        """
+        found = None if self._field is None else self._locally(self._place[pixels], keep)
+        if found is not None and not keep:
+            return found
+        after = self.mask if keep else self.mask.copy()
+        after.reshape(-1)[pixels] ^= True
+        if found is not None:
+            return found
+        if keep:
+            self._solve()
+            return self.levels
+        return self._of_solve(self._whole(after[bounding_box(after)]))
+
+    def _solve(self) -> None:
+        """Solve the whole of the shape as it is."""
+        self._adopt(self._whole(self.mask))
+
+    def _whole(self, mask: NDArray[np.bool_]) -> Any:
+        """A solve of the whole of a mask; None for an empty one."""
+        self._check()
+        return solve_shape(mask, self._rho, self._measure.tol, self._check) if mask.any() else None
+
+    def _of_solve(self, solved: Any) -> SolvedLevels:
+        """The levels of a solve."""
+        if solved is None:
+            return SolvedLevels(np.zeros(0), np.zeros(0), 0.0, False)
+        if solved.status != Status.CONVERGED:
+            status, bound, sweeps = (torch.tensor([x]) for x in (int(solved.status), solved.bound, solved.sweeps()))
+            raise_failures(status, bound, sweeps, self._measure.tol, ())
+        number = numbers_of(solved.shape.distance, solved.shape.grid.strides, self._measure)
+        return SolvedLevels(*refined_estimates(solved, number, self._measure), solved.bound, False)
+
+    def _adopt(self, solved: Any) -> None:
+        """Take over a solve of the shape as it is, and count the histograms if they are few enough."""
+        self.levels = self._of_solve(solved)
+        if solved is not None and self._measure.tol_bits == 0 and solved.bound > CLOSE:
+            solved.refine(CLOSE)
+        self._field: Any = None if solved is None else solve_locally(solved, self._rho, self._measure.tol)
+        self._count()
+
+    def _count(self) -> None:
+        """Count the histograms of the shape as it is, if they are few enough."""
+        field, measure, radius = self._field, self._measure, len(self.levels.values)
+        self._counted = field is not None and measure.estimator == "entropy" and radius * measure.bins <= CELLS
+        if not self._counted:
+            return
+        number, size = self._numbers(), field.v.size
+        on_levels = np.where(number > 0, field.v, 0)
+        self._summit = int(on_levels.argmax())
+        self._peak = float(on_levels[self._summit])
+        error = field.tol + 2 * ROUNDING * self._peak
+        # (1 + e) / (1 - e) is less than 1 + 4 e up to there.
+        self._error = 4 * error if error < 0.25 else np.inf
+        self._cell, self._doubtful = np.full(size, -1, np.int32), np.zeros(size, np.uint8)
+        self._tally, self._sizes = np.zeros(radius * measure.bins, np.int32), np.zeros(radius + 1, np.int64)
+        self._touched = np.zeros(radius + 1, np.uint8)
+        self._trail, self._old = np.empty((2, (3 + 2 * len(self._faces)) * size), np.int32)
+        self._put(np.flatnonzero(number).astype(np.int32), 0)
+        self._touched[:] = 0
+
+    def _locally(self, places: NDArray[np.int32], keep: bool) -> SolvedLevels | None:
+        """The levels after a flip, from the field of the shape; None, and nothing changed, where that does not do."""
+        change = self._field.apply(places, self._check)
+        found = whole = None
+        moved = False
+        if change.solved and change.radius > 0:
+            if self._counted and change.radius == len(self.levels.values):
+                found = self._moved(change.moved, change.shifted, change.bound, keep)
+                moved = found is not None
+            found = found or self._counted_anew(change.radius, change.bound)
+        elif change.radius == self._field.radius:
+            whole = self._field.whole(self._measure.tol, self._check)
+            found = self._of_solve(whole)
+        if found is None or not keep:
+            self._field.undo()
+            return found
+        if whole is not None:
+            self._adopt(whole)
+        else:
+            self._field.keep()
+            self.levels = found
+            if not moved:
+                self._count()
+        return found
+
+    def _moved(
+        self, moved: NDArray[np.int32], shifted: NDArray[np.int32], bound: float, keep: bool
+    ) -> SolvedLevels | None:
+        """The levels from the histograms, of which some pixels change; None if all change, or a pixel is in doubt."""
+        from torchlinf.kernels import local_histograms
+
+        highest, count = self._put(moved, 0)
+        also, count = self._put(shifted, count, self._faces)
+        proven = self._sizes[0] == 0 and self._same_peak(max(highest, also))
+        values = self.levels.values.copy()
+        if proven:
+            local_histograms.update_entropies(self._tally, self._sizes, self._touched, self._measure.bins, values)
+        if not proven or not keep:
+            local_histograms.undo(
+                self._measure.bins, self._cell, self._doubtful, self._tally, self._sizes, self._trail, self._old, count
+            )
+        self._touched[:] = 0
+        return SolvedLevels(values, np.zeros(len(values)), bound, True) if proven else None
+
+    def _put(self, pixels: NDArray[np.int32], count: int, faces: NDArray[np.int64] | None = None) -> tuple[float, int]:
+        """Put pixels, and those beyond their faces, into their cells; their largest field, and what the trail holds."""
+        from torchlinf.kernels import local_histograms
+
+        around = np.zeros(1, np.int64) if faces is None else np.concatenate([[0], faces])
+        placed: tuple[float, int] = local_histograms.place(
+            pixels, around, self._field.v, self._field.distance, self._faces, self._peak, self._measure.bins,
+            EDGE_SLACK, self._error, self._cell, self._doubtful, self._tally, self._sizes, self._touched, self._trail,
+            self._old, count,
+        )  # fmt: skip
+        return placed
+
+    def _same_peak(self, highest: float) -> bool:
+        """Whether the largest field on the levels is what it was, up to rounding."""
+        from torchlinf.kernels import local_histograms
+
+        if highest > self._peak or self._cell[self._summit] < 0 or self._field.v[self._summit] != self._peak:
+            highest = local_histograms.largest_on_levels(self._field.v, self._cell)
+            return abs(highest - self._peak) <= ROUNDING * self._peak
+        return True
+
+    def _counted_anew(self, radius: int, bound: float) -> SolvedLevels | None:
+        """The levels from the whole field; None if they are not sure enough."""
+        measure = self._measure
+        values, bounds = estimates(self._field.v, self._numbers(), radius, bound, measure)
+        unsure = bounds.max() > measure.tol_bits and not (measure.estimator == "std" and measure.tol_bits == 0)
+        return None if unsure else SolvedLevels(values, bounds, bound, True)
+
+    def _numbers(self) -> NDArray[np.int32]:
+        """The level of each pixel, 0 for none."""
+        return numbers_of(self._field.distance, self._strides, self._measure)
+
+
+def complexities_after_flips(
+    masks: Sequence[NDArray[np.bool_]], flips: Sequence[Sequence[Pixels]], measure: Measure
+) -> list[tuple[float, NDArray[np.float64]]]:
+    """The complexity of each shape, and what it is after each of its flips, one at a time.
+
+    Args:
+        masks: N bool arrays, one shape each, on the CPU; they need not be of one size.
+        flips: of each shape, the pixels that are flipped together.
+        measure: how complexity is measured.
+
+    Returns:
+        For each shape its complexity, and (number of its flips,) float64; NaN where nothing is left. The numbers are
+        those of `complexity`, within the bounds of their errors: at the default options in every digit, on all shapes
+        that were tried.
+
+    Raises:
+        RuntimeError: a field could not be solved.
+
+    Example:
+        >>> mask = np.ones((6, 8), bool)
+        >>> mask[0, 3:5] = False
+        >>> [(before, after)] = complexities_after_flips([mask], [[np.array([3, 4])]], Measure())
+        >>> round(before, 3), after
+        (0.441, array([0.]))
+    """
+    # A shape's flips go to as many threads as there would else be nothing to do for, each with its own solve of it.
+    parts = max(1, torch.get_num_threads() // max(1, len(masks)))
+    levels: list[list[NDArray[np.float64]]] = [[] for _ in range(parts * len(masks))]
+
+    def solve(number: int, check: Callable[[], None]) -> None:
+        i, part = divmod(number, parts)
+        size = ceil(len(flips[i]) / parts)
+        some = flips[i][part * size : (part + 1) * size]
+        if some or part == 0:
+            levels[number] = _levels_after(masks[i], some, measure, check)
+
+    for_each(solve, len(levels))
+    found = [
+        [levels[i * parts][0], *(values for part in range(parts) for values in levels[i * parts + part][1:])]
+        for i in range(len(masks))
+    ]
+    flat = [values for of_shape in found for values in of_shape]
+    radius = np.array([len(values) for values in flat], np.int64)
+    means = mean_of_levels(np.concatenate([np.zeros(0), *flat]), radius, measure.low, measure.high)
+    ends = np.cumsum([len(of_shape) for of_shape in found])
+    return [(float(part[0]), part[1:]) for part in np.split(means, ends[:-1])] if found else []
+
+
+def _levels_after(
+    mask: NDArray[np.bool_], flips: Sequence[Pixels], measure: Measure, check: Callable[[], None]
+) -> list[NDArray[np.float64]]:
+    """The levels of a shape, and those after each flip."""
+    reached = mask.copy()
+    for pixels in flips:
+        reached.reshape(-1)[pixels] = True
+    box = bounding_box(reached)
+    inner = np.ascontiguousarray(mask[box])
+    index = np.arange(mask.size).reshape(mask.shape)[box].reshape(-1)
+    flips = [np.searchsorted(index, pixels) for pixels in flips]
+    if has_compiler():
+        shape = SolvedShape(inner, measure, check)
+        return [shape.levels.values, *(shape.after(pixels).values for pixels in flips)]
+
+    def mask_at(i: int) -> NDArray[np.bool_]:
+        after = inner.copy()
+        if i > 0:
+            after.reshape(-1)[flips[i - 1]] ^= True
+        return after
+
+    found = levels_of_each(mask_at, 1 + len(flips), (1 + len(flips),), measure)
+    return [part.numpy() for part in found.values.split(found.radius.tolist())]
