@@ -10,7 +10,8 @@ Paths = Annotated[
     typer.Argument(
         metavar="PATH",
         help="Masks (PNG, GIF, TIFF, BMP, JPEG, WebP, AVIF, PBM, PGM, PPM, .npy, .npz, NIfTI), folders of them, "
-        "patterns in quotes, tar archives (.tar, .tar.gz, .tgz), and COCO and labelme files (.json).",
+        "patterns in quotes, tar archives (.tar, .tar.gz, .tgz), COCO and labelme files (.json), and outlines (.gpkg, "
+        ".geojson, .shp, .parquet).",
     ),
 ]
 Out = Annotated[
