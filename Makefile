@@ -7,10 +7,10 @@ CLEAN := .venv-wheel
 STAMP := .venv/installed
 PIP := -m pip install --quiet --disable-pip-version-check
 
-# The core, the losses, the metric, label maps, the command and its tables: what `make test-lowest` runs. TESTS=tests
+# The core, the losses, the metric, label maps, outlines, the command and its tables: what `make test-lowest` runs. TESTS=tests
 # runs all.
 SHORT := $(addprefix tests/test_,known_values.py distance.py field.py complexity.py entropy.py error_bound.py soft.py losses.py \
-	labels.py cli.py tables.py) $(wildcard tests/test_metric*.py)
+	labels.py polygons.py geodata.py cli.py tables.py) $(wildcard tests/test_metric*.py)
 TESTS ?= $(SHORT)
 
 .PHONY: venv demo test test-all test-lowest test-newest lint types docs bench dist dist-check check clean

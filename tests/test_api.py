@@ -24,12 +24,14 @@ def test_the_public_names() -> None:
         "complexity_map",
         "complexity_profile",
         "decompose",
+        "equal_spacing",
         "labels",
         "linf_field",
         "losses",
         "metrics",
         "order",
         "plot",
+        "polygons",
         "regions",
         "samplers",
         "scoring",
@@ -56,6 +58,7 @@ def test_the_fields_of_the_results() -> None:
     names = [field.name for field in dataclasses.fields(torchlinf.ComplexityProfile)]
     assert names == [
         "scales", "values", "radius", "field_error_bound", "level_values", "level_error_bound", "measure", "seconds",
+        "angle", "parts",
     ]  # fmt: skip
 
 

@@ -115,7 +115,7 @@ def test_annotations_without_an_image_or_an_id(tmp_path: Path) -> None:
     assert found[0].error is None
     assert "no image" in found[1].error
     # Without an id the position names it; a second mask of one id is a mask too.
-    assert [(source.member, source.error) for source in found[2:]] == [("2", None), ("10#2", None)]
+    assert [(source.member, source.error) for source in found[2:]] == [("2", None), ("10~2", None)]
 
 
 def test_huge_images_are_refused_before_they_are_drawn(tmp_path: Path) -> None:

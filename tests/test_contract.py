@@ -21,14 +21,37 @@ from torch import Tensor, nn
 from typer.testing import CliRunner
 
 import torchlinf
-from torchlinf import Measure, decompose, labels, losses, metrics, order, plot, regions, scoring, shapes, transforms
+from torchlinf import (
+    Measure,
+    decompose,
+    labels,
+    losses,
+    metrics,
+    order,
+    plot,
+    polygons,
+    regions,
+    scoring,
+    shapes,
+    transforms,
+)
 from torchlinf.cli.app import app
-from torchlinf.measure import LevelOptions, MeasureOptions, SoftOptions, WindowOptions
+from torchlinf.measure import (
+    GridOptions,
+    LevelOptions,
+    MeanOptions,
+    MeasureOptions,
+    ProfileOptions,
+    SoftOptions,
+    WindowOptions,
+)
 from torchlinf.measure.options import _DOCS, names_of
+from torchlinf.polygons.table import PolygonOptions
 from torchlinf.scoring.ray import ScoreMasks, score_shards
 
 MASK = shapes.disc(6)  # 13 x 13, without a part, so that every option below changes its number
 MASK[6:9, 9:] = False
+MASK[0, 1] = MASK[1, 0] = True  # and with a second component, which has two of one pixel each by faces
 SIDE = len(MASK)
 EMPTY = torch.zeros_like(MASK)
 BOUNDS = [(0.0, SIDE - 1.0)] * 2
@@ -132,6 +155,15 @@ class Entry:
     documented: bool = True
 
 
+def outlined(mask: Tensor, **options: Any) -> Any:
+    """The table of the outline of a mask. In another frame it is drawn anew, so there it has numbers of its own."""
+    shapely = pytest.importorskip("shapely")
+    rows, columns = mask.nonzero().T.numpy(force=True)
+    outline = shapely.union_all(shapely.box(columns, -rows - 1, columns + 1, -rows))
+    table = polygons.complexity_table([outline], resolution=1.0, **options)
+    return float("nan") if set(options) & set(PARTS) else table
+
+
 SCORED = {"windows": scoring.WINDOWS}
 FOLDER = Path()  # where masks are written, set by a fixture
 
@@ -147,14 +179,21 @@ def in_table(mask: Tensor, **options: Any) -> float:
 
 
 def scored(mask: Tensor, **options: Any) -> Any:
-    (row,) = scoring.score_masks(scoring.find_masks([file_of(mask, FOLDER)]), **options)
-    return row.values
+    return averaged([row.values for row in scoring.score_masks(scoring.find_masks([file_of(mask, FOLDER)]), **options)])
+
+
+def averaged(rows: list[Any]) -> Any:
+    """Of a table with one row an object the means; the other columns are those of the last row."""
+    return {
+        **rows[-1],
+        **{name: np.mean([row[name] for row in rows]) for name in ("complexity", "fine") if name in rows[0]},
+    }
 
 
 def on_ray(mask: Tensor, **options: Any) -> float:
     pytest.importorskip("pyarrow")
     table = ScoreMasks("mask", name="id", **options)({"id": np.array(["a"]), "mask": mask.numpy(force=True)[None]})
-    return {name: table[name][0].as_py() for name in ("complexity", "fine") if name in table.column_names}
+    return averaged(table.select([name for name in ("complexity", "fine") if name in table.column_names]).to_pylist())
 
 
 def cli(command: str) -> Callable[..., Any]:
@@ -173,18 +212,20 @@ def cli(command: str) -> Callable[..., Any]:
         if found.exit_code == 2:
             raise ValueError(re.sub(r"[\s│╭╮╰╯─]+", " ", found.output + getattr(found, "stderr", "")))
         assert found.exit_code == 0, found.output
-        return float("nan") if command == "profile" else json.loads(found.output.splitlines()[-1])
+        if command == "profile":
+            return float("nan")
+        return averaged([json.loads(line) for line in found.output.splitlines() if line.startswith("{")])
 
     return call
 
 
 ENTRIES = {
     "complexity": Entry(
-        torchlinf.complexity, WindowOptions, 1, lambda m, **o: torchlinf.complexity(m, spatial_ndim=2, **o)
+        torchlinf.complexity, MeanOptions, 1, lambda m, **o: torchlinf.complexity(m, spatial_ndim=2, **o)
     ),
     "complexity_profile": Entry(
         torchlinf.complexity_profile,
-        LevelOptions,
+        ProfileOptions,
         1,
         lambda m, **o: torchlinf.complexity_profile(m, spatial_ndim=2, **o).mean(),
     ),
@@ -223,7 +264,7 @@ ENTRIES = {
     ),
     "losses.ShapeComplexityLoss": Entry(
         losses.ShapeComplexityLoss,
-        WindowOptions,
+        MeanOptions,
         0,
         lambda m, **o: losses.ShapeComplexityLoss(max_flips=1, **o)(m[None, None].double()),
     ),
@@ -245,6 +286,7 @@ ENTRIES = {
     "labels.complexity_table": Entry(
         labels.complexity_table, MeasureOptions, 1, lambda m, **o: labels.complexity_table(m.int(), **o)
     ),
+    "polygons.complexity_table": Entry(polygons.complexity_table, PolygonOptions, 1, outlined),
     "regions.decision_region_complexity": Entry(
         regions.decision_region_complexity, LevelOptions, 2, lambda m, **o: regions_of(m, **o).mean()[1]
     ),
@@ -256,16 +298,16 @@ ENTRIES = {
         1,
         lambda m, **o: decompose.parts(m, spatial_ndim=2, penalty_per_part=9, **o).before,
     ),
-    "plot.profile": Entry(plot.profile, LevelOptions, 1, lambda m, **o: staircase(plot.profile(m, **o)), slow=True),
+    "plot.profile": Entry(plot.profile, ProfileOptions, 1, lambda m, **o: staircase(plot.profile(m, **o)), slow=True),
     "plot.shapes": Entry(
         plot.shapes, LevelOptions, 1, lambda m, **o: staircase(plot.shapes({"a": m}, **o).axes[0]), slow=True
     ),
     "plot.overview": Entry(
-        plot.overview, MeasureOptions, 1, lambda m, **o: nothing(plot.overview({"a": m}, **o)), slow=True
+        plot.overview, GridOptions, 1, lambda m, **o: nothing(plot.overview({"a": m}, **o)), slow=True
     ),
     "plot.hasse": Entry(
         plot.hasse,
-        LevelOptions,
+        ProfileOptions,
         1,
         lambda m, **o: nothing(plot.hasse({"a": m}, **o)),
         {"windows": order.WINDOWS},
@@ -304,7 +346,21 @@ VALID: Mapping[str, Any] = {
     "rho": 1.0,
     "tol": 1e-6,
     "tol_bits": 0.5,
+    "orientation": 30.0,
+    "rotations": 5,
+    "per": "object",
+    "connectivity": 1,
+    "min_pixels": 3,
+    "pool": "area",
 }
+# What an option must stand beside.
+BESIDE: Mapping[str, Mapping[str, Any]] = {
+    "rotations": {"orientation": "mean"},
+    "connectivity": {"per": "object"},
+    "min_pixels": {"per": "object"},
+    "pool": {"per": "object"},
+}
+PARTS = ("orientation", "rotations", "per", "connectivity", "min_pixels", "pool")
 INVALID: tuple[dict[str, Any], ...] = (
     {"low": 0.5, "high": 0.2},
     {"low": "0"},
@@ -326,6 +382,22 @@ INVALID: tuple[dict[str, Any], ...] = (
     {"tol": None},
     {"tol_bits": -1},
     {"tol_bits": "0"},
+    {"orientation": "up"},
+    {"orientation": True},
+    {"orientation": math.inf},
+    {"orientation": [[1, 0], [0, 1]]},
+    {"orientation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]},
+    {"rotations": 0},
+    {"rotations": 3},
+    {"per": "class"},
+    {"per": None},
+    {"connectivity": 0},
+    {"connectivity": 5, "per": "object"},
+    {"connectivity": 1},
+    {"min_pixels": 0},
+    {"min_pixels": 5},
+    {"pool": "sum"},
+    {"pool": "area"},
 )
 HOUSE = re.compile(r"^\w+( and \w+)* must .+; got .+\. (Pass|Leave|Scales|Name) ?.+\.$", re.S)
 
@@ -348,17 +420,25 @@ def reference(options: str) -> float:
     return float(torchlinf.complexity_profile(MASK, spatial_ndim=2, **chosen).mean(*window))
 
 
+def tried(name: str) -> dict[str, Any]:
+    """An option, with what it must stand beside."""
+    return {**BESIDE.get(name, {}), name: VALID[name]}
+
+
 def number(found: Any, name: str = "complexity") -> float:
     if isinstance(found, Mapping):
         found = found[name]
-    return float(found[0] if isinstance(found, np.ndarray) else found)
+    return float(found.mean() if isinstance(found, np.ndarray) else found)
 
 
 def test_the_values_that_are_tried_change_the_number() -> None:
     default = reference("{}")
-    for name, value in VALID.items():
+    for name in VALID:
         if name not in ("windows", "tol", "tol_bits"):
-            assert reference(json.dumps({name: value})) != pytest.approx(default, abs=1e-3), name
+            found = reference(json.dumps(tried(name)))
+            assert found != pytest.approx(default, abs=1e-3), name
+            if name in BESIDE:
+                assert found != pytest.approx(reference(json.dumps(BESIDE[name])), abs=1e-3), name
 
 
 @pytest.mark.parametrize("name", SIGNATURES)
@@ -384,7 +464,7 @@ def test_only_data_are_positional(entry: Entry) -> None:
 @pytest.mark.parametrize("name", ENTRIES)
 def test_every_entry_point_gives_the_number_of_the_profile(name: str) -> None:
     entry = ENTRIES[name]
-    options: list[dict[str, Any]] = [{}, *({one: VALID[one]} for one in names_of(entry.kind))]
+    options: list[dict[str, Any]] = [{}, *map(tried, names_of(entry.kind))]
     for chosen in options[:: 4 if entry.slow else 1]:
         if "complexity_map" in name and "estimator" in chosen:
             with pytest.raises(ValueError, match='estimator must be "entropy" for a map; got'):
@@ -418,7 +498,7 @@ def test_wrong_values_are_refused_everywhere_in_the_same_words(name: str) -> Non
 def test_options_that_are_not_taken_are_refused(name: str) -> None:
     entry = ENTRIES[name]
     taken = {*names_of(entry.kind), *entry.changed}
-    for option, value in {**VALID, "orientation": "any"}.items():
+    for option, value in {**VALID, "frame": "any"}.items():
         if option not in taken:
             # torchmetrics refuses what it does not know by a ValueError.
             with pytest.raises(ValueError if name.startswith("metrics") else TypeError, match=option):
@@ -428,7 +508,8 @@ def test_options_that_are_not_taken_are_refused(name: str) -> None:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_take_every_option(command: str) -> None:
     call = cli(command)
-    for chosen in [{}, *({one: value} for one, value in VALID.items())][:: 5 if command == "profile" else 1]:
+    names = [name for name in VALID if command != "profile" or name not in PARTS]
+    for chosen in [{}, *map(tried, names)][:: 5 if command == "profile" else 1]:
         found = call(MASK, **chosen)
         if isinstance(found, Mapping) and "windows" not in chosen:
             assert found["complexity"] == pytest.approx(reference(json.dumps(chosen)), rel=1e-9), chosen
@@ -442,9 +523,12 @@ def test_commands_refuse_wrong_values_in_the_same_words(command: str) -> None:
         # Words that are no numbers, and windows that are no mapping, cannot be written on a command line.
         if any(value is None or isinstance(value, list | dict) for value in wrong.values()):
             continue
-        if any(isinstance(value, str) and one not in ("estimator", "levels") for one, value in wrong.items()):
+        texts = ("estimator", "levels", "per", "pool")
+        if any(isinstance(value, str) and one not in (*texts, "orientation") for one, value in wrong.items()):
             continue
-        wrong = {one: str(value) if one in ("estimator", "levels") else value for one, value in wrong.items()}
+        if wrong == {"orientation": True} or (command == "profile" and set(wrong) & set(PARTS)):
+            continue
+        wrong = {one: str(value) if one in texts else value for one, value in wrong.items()}
         with pytest.raises((TypeError, ValueError)) as expected:
             Measure(**{k: float(v) if k in ("low", "high", "rho", "tol", "tol_bits") else v for k, v in wrong.items()})
         with pytest.raises(ValueError, match="Usage") as found:

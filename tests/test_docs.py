@@ -63,7 +63,20 @@ def test_the_command_page_names_the_limit() -> None:
 
 @pytest.mark.parametrize(
     "module",
-    ["losses", "metrics", "regions", "transforms", "samplers", "labels", "order", "decompose", "plot", "scoring", ""],
+    [
+        "losses",
+        "metrics",
+        "regions",
+        "transforms",
+        "samplers",
+        "labels",
+        "polygons",
+        "order",
+        "decompose",
+        "plot",
+        "scoring",
+        "",
+    ],
 )
 def test_options_are_keyword_only_as_the_api_page_says(module: str) -> None:
     assert "Options are keyword-only." in read("docs/api.md")

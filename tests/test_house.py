@@ -18,7 +18,7 @@ FLOORS = (
     {"cli"},
     {"plot", "report", "warming"},
     {"regions", "scoring"},
-    {"decompose", "labels", "losses", "metrics", "order", "transforms"},
+    {"decompose", "labels", "losses", "metrics", "order", "polygons", "transforms"},
     {"samplers", "shapes"},
     {"measure"},
     {"field"},

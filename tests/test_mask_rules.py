@@ -136,8 +136,8 @@ def test_every_row_names_the_rule(tmp_path: Path) -> None:
         "nonzero": ({"nonzero": True}, VOC != 0),
         "label 15": ({"label": 15}, VOC == 15),
         "> 14": ({"threshold": 14}, VOC > 14),
-        "> 0.25": ({"threshold": 0.25, "ignore": 255}, (VOC > 0) & (VOC != 255)),
-        "not label 15": ({"label": 15, "invert": True, "ignore": [255]}, (VOC != 15) & (VOC != 255)),
+        "> 0.25 except 255": ({"threshold": 0.25, "ignore": 255}, (VOC > 0) & (VOC != 255)),
+        "not label 15 except 255": ({"label": 15, "invert": True, "ignore": [255]}, (VOC != 15) & (VOC != 255)),
     }
     for rule, (options, mask) in expected.items():
         (row,) = score_masks([source], **options)

@@ -247,7 +247,7 @@ def test_bad_input_says_what_to_do(profiles: dict[str, ComplexityProfile]) -> No
         kendall_tau(list(other.values()))
     rims = {"disc": profiles["disc"], "other": complexity_profile(shapes.disc(5), spatial_ndim=2, levels="rim")}
     with pytest.raises(
-        ValueError, match="kind of levels; got estimator='entropy', bins=1024, levels='rim' for 'other'"
+        ValueError, match="in the same frames; got estimator='entropy', bins=1024, levels='rim' for 'other'"
     ):
         dominance(rims)
     with pytest.raises(TypeError, match="must be a sequence in the expected order; got dict"):

@@ -14,7 +14,20 @@ from packaging.version import Version
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-USER_EXTRAS = ["cli", "plot", "metrics", "lightning", "sklearn", "coco", "parquet", "ray", "report"]
+USER_EXTRAS = [
+    "cli",
+    "plot",
+    "metrics",
+    "lightning",
+    "sklearn",
+    "coco",
+    "parquet",
+    "ray",
+    "geo",
+    "report",
+    "nifti",
+    "codecs",
+]
 # Not in the job of lowest versions: an old torch is gigabytes, and the short form needs no Ray, Lightning or Bokeh.
 NOT_LOWEST = {"torch", "ray", "lightning", "bokeh"}
 

@@ -55,7 +55,9 @@ FORKED = {
     "standard deviation": "torchlinf.complexity(masks, estimator='std', levels='rim', spatial_ndim=2).tolist()",
     "map": "np.nansum(torchlinf.complexity_map(masks, spatial_ndim=2).numpy())",
     "profile": "[p := torchlinf.complexity_profile(many, spatial_ndim=2), p.mean().tolist(), p.peak()[1].tolist()][1:]",
-    "transform": "ShapeComplexityScore()(grey).tolist()",
+    "objects": "torchlinf.complexity(masks, per='object', orientation='mean', spatial_ndim=2).tolist()",
+    "frames": "torchlinf.complexity(many, orientation='least', rotations=2, spatial_ndim=2).tolist()",
+    "transform": "ShapeComplexityScore(orientation='own', per='object')(grey).tolist()",
     "labels": "complexity_table(masks[0].numpy().astype(int), properties=['area'])['complexity'].tolist()",
     "shapes": "[shapes.disc(120).numpy().sum(), shapes.diagonal_pair(200, 90).numpy().sum()]",
 }
@@ -128,18 +130,25 @@ importlib.util.find_spec = lambda name, *rest: None if name == "numba" else find
 import torch, torchlinf
 mask = torchlinf.shapes.disc(16)
 print(*[torchlinf.complexity(mask, estimator=name, spatial_ndim=2).item() for name in ("entropy", "std")])
-try:
-    torchlinf.solve_field(mask, method="compiled", spatial_ndim=2)
-except ImportError as error:
-    print(error)
+print(torchlinf.complexity(mask, per="object", spatial_ndim=2).item())
+for call in (
+    lambda: torchlinf.solve_field(mask, method="compiled", spatial_ndim=2),
+    lambda: torchlinf.complexity(mask, orientation="own", spatial_ndim=2),
+):
+    try:
+        call()
+    except ImportError as error:
+        print(error)
 """
-    numbers, message = run(script).splitlines()
+    numbers, of_object, message, of_frame = run(script).splitlines()
     mask = torchlinf.shapes.disc(16)
     here = [torchlinf.complexity(mask, estimator=name, spatial_ndim=2).item() for name in ("entropy", "std")]
     assert [float(number) for number in numbers.split()] == pytest.approx(
         here, rel=1e-8
     )  # each is certified to 1e-9 alone
+    assert float(of_object) == float(numbers.split()[0])
     assert "pip install numba" in message
+    assert of_frame.startswith("orientation turns images by kernels that numba compiles")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="permissions are set as on POSIX")

@@ -250,7 +250,7 @@ def test_a_full_disk(
 ) -> None:
     disk, enlarge = small_disk
     row = Score("", values=dict.fromkeys(WINDOWS, 0.5), measure=Measure(windows=WINDOWS).settings())
-    monkeypatch.setattr("torchlinf.scoring.score._numbers", lambda inside, _: replace(row, pixels=int(inside.sum())))
+    monkeypatch.setattr("torchlinf.scoring.score._numbers", lambda inside, *_: replace(row, pixels=int(inside.sum())))
     for path in list(many.iterdir())[masks:]:
         path.unlink()
     (disk / "ballast").write_bytes(bytes(1024 * (64 - free)))

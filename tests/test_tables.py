@@ -32,8 +32,9 @@ def test_rows_as_text_say_the_same_as_rows(tmp_path: Path) -> None:
 def test_columns_are_those_that_were_promised() -> None:
     assert COLUMNS == (
         "path", "height", "width", "depth", "pixels", "radius", "components", "complexity", "complexity_low",
-        "complexity_high", "peak", "peak_scale", "error_bound", "field_error_bound", "seconds", "inside",
-        "label", "category", "image", "error", "version", "measure",
+        "complexity_high", "peak", "peak_scale", "error_bound", "field_error_bound", "seconds", "inside", "spacing",
+        "label", "object", "objects", "top", "bottom", "left", "right", "front", "back", "angle", "standard_error",
+        "category", "image", "error", "version", "measure",
     )  # fmt: skip
 
 
@@ -80,7 +81,7 @@ def test_rows_go_into_a_pipe_at_once(tmp_path: Path) -> None:
         write(Score("a.png", values={"fine": 0.5}))
         header, row = os.read(reader, 4096).decode().splitlines()
         assert header.split(",")[7] == "fine"
-        assert row == "a.png,,,,,,,0.5" + 12 * ","
+        assert row == "a.png,,,,,,,0.5" + 23 * ","
     os.close(reader)
     assert os.listdir(tmp_path) == ["pipe.csv"]
 

@@ -1,6 +1,7 @@
 """TIFF: every byte order, depth, sign and layout gives the numbers that were written."""
 
 import struct
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -53,8 +54,36 @@ def test_compression_and_tiles(compression: str | None, tile: tuple[int, int] | 
     np.testing.assert_array_equal(read_mask(tmp_path / "a.tif", label=4), LABELS == 4)
 
 
+@pytest.fixture
+def no_imagecodecs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if the extra `codecs` were not installed: tifffile decides that when it is imported."""
+    for name in [name for name in sys.modules if name.split(".")[0] in ("imagecodecs", "tifffile")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "imagecodecs", None)
+
+
 @pytest.mark.parametrize("compression", ["tiff_lzw", "tiff_adobe_deflate", "packbits"])
-def test_what_tifffile_cannot_decompress(compression: str, tmp_path: Path) -> None:
+def test_what_tifffile_alone_cannot_decompress(compression: str, tmp_path: Path) -> None:
+    check_decompressed(compression, tmp_path)
+
+
+@pytest.mark.usefixtures("no_imagecodecs")
+@pytest.mark.parametrize("compression", ["tiff_lzw", "tiff_adobe_deflate", "packbits"])
+def test_what_pillow_decompresses_instead(compression: str, tmp_path: Path) -> None:
+    check_decompressed(compression, tmp_path)
+
+
+def test_what_neither_can_decompress_names_the_extra(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    imagecodecs = pytest.importorskip("imagecodecs")
+    assert imagecodecs.LERC.available
+    tifffile.imwrite(tmp_path / "a.tif", LABELS.astype(np.uint16), compression="lerc", metadata=None)
+    np.testing.assert_array_equal(read_mask(tmp_path / "a.tif", label=4), LABELS == 4)
+    request.getfixturevalue("no_imagecodecs")
+    with pytest.raises(UnreadableMaskError, match=r"needs imagecodecs.* pip install 'torchlinf\[codecs\]'"):
+        read_mask(tmp_path / "a.tif", label=4)
+
+
+def check_decompressed(compression: str, tmp_path: Path) -> None:
     images = {
         "L": Image.fromarray(LABELS.astype(np.uint8)),
         "I;16": Image.fromarray(LABELS.astype(np.uint16)),
@@ -68,6 +97,7 @@ def test_what_tifffile_cannot_decompress(compression: str, tmp_path: Path) -> No
         np.testing.assert_array_equal(read_mask(tmp_path / "a.tif"), MASK)
 
 
+@pytest.mark.usefixtures("no_imagecodecs")
 def test_signed_bytes_stay_signed_where_pillow_decompresses(tmp_path: Path) -> None:
     level = np.where(MASK, 1, -1).astype(np.int8)
     Image.fromarray(level.view(np.uint8)).save(tmp_path / "a.tif", compression="tiff_lzw", tiffinfo={339: 2})
@@ -91,6 +121,7 @@ def test_white_may_be_zero(dtype: type, tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_mask(tmp_path / "a.tif"), MASK)
 
 
+@pytest.mark.usefixtures("no_imagecodecs")
 @pytest.mark.parametrize("compression", ["tiff_lzw", "raw"])
 @pytest.mark.parametrize("mode", ["1", "L"])
 def test_white_may_be_zero_where_pillow_decompresses(mode: str, compression: str, tmp_path: Path) -> None:

@@ -17,6 +17,9 @@ from . import (
     plot as plot,
 )
 from . import (
+    polygons as polygons,
+)
+from . import (
     regions as regions,
 )
 from . import (
@@ -72,6 +75,9 @@ from .measure import (
 )
 from .measure import (
     complexity_profile as complexity_profile,
+)
+from .measure import (
+    equal_spacing as equal_spacing,
 )
 from .measure import (
     soft_complexity as soft_complexity,

@@ -15,7 +15,7 @@ from torch import Tensor
 from torchlinf._helpers.axes import image_shape
 from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, as_mask, choice, count, flag, number_of_axes, number_or_none
 from torchlinf._helpers.extras import require
-from torchlinf.measure import LevelOptions, Measure, MeasureOptions, complexity_profile, takes
+from torchlinf.measure import Measure, MeasureOptions, ProfileOptions, complexity_profile, takes
 
 require("torchmetrics", "torchlinf.metrics", "metrics")
 from torchmetrics import Metric  # noqa: E402
@@ -46,12 +46,13 @@ class MetricOptions(MeasureOptions, total=False):
 class ShapeComplexity(Metric):
     """Mean hard complexity of the shapes that a segmentation model predicts, per class or averaged.
 
-    Each class of each sample is one shape. What is summed is `torchlinf.complexity` of its mask.
+    Each class of each sample is one shape. What is summed is `torchlinf.complexity` of its mask. With `per="object"`
+    each object of each class of each sample is one shape, unless `pool` makes one number of the objects of a class.
 
     An empty prediction has no complexity, and must not improve the score: it counts `measure.largest`, the most that a
     shape could have, 10 bits by default (0.5 for "std"), unless `empty="skip"`. Pass `target` too, and classes that are
     not in the image are left out, whatever is predicted for them; without it an absent class cannot be told from a
-    missed one.
+    missed one. With `per="object"` a class without an object counts as one empty prediction.
 
     Args:
         num_classes: number of classes, the background included.
@@ -74,7 +75,7 @@ class ShapeComplexity(Metric):
 
     Attributes:
         measure: the `torchlinf.Measure` of the options.
-        num_shapes: (C,) int64, shapes that were measured, by class.
+        num_shapes: (C,) int64, shapes that were measured, by class: objects, with `per="object"` and without `pool`.
         num_empty: (C,) int64, empty predictions, by class. These and `num_shapes` are of this process; within
             `with metric.sync_context():` of all.
 
@@ -169,17 +170,19 @@ class ShapeComplexity(Metric):
         if not self.include_background:
             masks, counted = masks[:, 1:], counted[:, 1:]
         classes = counted.nonzero()[:, 1]  # (N,)
-        levels = self.measure.options(LevelOptions)
-        profile = complexity_profile(masks[counted], spatial_ndim=masks.ndim - 2, **levels)
-        values = torch.stack([profile.mean(*ends) for ends in self.measure.named_windows().values()])  # (W, N)
+        options = self.measure.options(ProfileOptions)
+        profile = complexity_profile(masks[counted], spatial_ndim=masks.ndim - 2, **options)
+        _count(self.num_empty, classes[profile.radius == 0])
+        if self.measure.per == "object" and self.measure.pool is None and profile.parts is not None:
+            classes, profile = classes[profile.parts.owner], profile.parts.profile  # every object is a shape
         blank = profile.radius == 0
+        _count(self.num_shapes, classes[~blank])
+        values = torch.stack([profile.mean(*ends) for ends in self.measure.named_windows().values()])  # (W, N)
         whole = (values.masked_fill(blank, 0.0) * UNIT).round().long()
         self.total.index_add_(1, classes.to(self.total.device), whole.to(self.total.device))
         bounds = torch.stack([profile.error_bound(*ends) for ends in self.measure.named_windows().values()])
         most = (bounds.masked_fill(blank, 0.0) * UNIT).ceil().long()
         self.total_error.index_add_(1, classes.to(self.total_error.device), most.to(self.total_error.device))
-        self.num_shapes.index_add_(0, classes.to(self.num_shapes.device), (~blank).long().to(self.num_shapes.device))
-        self.num_empty.index_add_(0, classes.to(self.num_empty.device), blank.long().to(self.num_empty.device))
 
     def set_dtype(self, dst_type: str | torch.dtype) -> "ShapeComplexity":
         """Nothing to do: the states are whole numbers, exact in any precision, and stay so."""
@@ -226,6 +229,11 @@ class ShapeComplexity(Metric):
         for one in [axes] if hasattr(axes, "set_ylabel") else cast("Sequence[Any]", axes):
             one.set_ylabel(f"complexity ({self.measure.unit})")
         return figure, axes
+
+
+def _count(state: Tensor, classes: Tensor) -> None:
+    """Count shapes, by class."""
+    state.index_add_(0, classes.to(state.device), torch.ones_like(classes).to(state))
 
 
 @dataclass(frozen=True)

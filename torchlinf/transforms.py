@@ -25,7 +25,8 @@ class ShapeComplexityScore:
     Pass it as the `transform` or `target_transform` of a dataset, or call it in `__getitem__`. It is made for the
     workers of a `DataLoader`, forked or spawned: it pickles, and runs on one thread there. Flips and axis swaps change
     the score of a shape by no more than the errors of the fields explain, at the default `tol` by nothing on all shapes
-    that were tried; rotations and rescaling change it a little.
+    that were tried; rescaling changes it a little, and so do rotations, unless `orientation="own"` takes most of that
+    away.
 
     Args:
         threshold: what is inside. A number: inside is what is greater. None decides by the rule of `torchlinf score`,
@@ -47,8 +48,8 @@ class ShapeComplexityScore:
           L, I, F, P). Colour and multi-band images raise. (N, H, W) are N masks, never a volume by itself.
         - output: tensor of the batch shape, a number without dimensions for a single mask, so that loaders collate a
           batch of them to (B,); (1,) for a mask (1, H, W). With `windows` a dictionary of them by name, from one solve.
-          In bits (share of the field's maximum for "std"), in [0, `measure.largest`]. NaN for an empty mask, exactly
-          0.0 for a full one.
+          In bits (share of the field's maximum for "std"), in [0, `measure.largest`]. NaN for an empty mask, and with
+          `per="object"` for one without an object of `min_pixels`; exactly 0.0 for a full one.
 
     Not differentiable; computed on the CPU.
 

@@ -12,7 +12,7 @@ import torch
 from torchlinf.field import chessboard_distance, linf_field
 from torchlinf.kernels import has_compiler
 from torchlinf.losses import ShapeComplexityLoss, simplify
-from torchlinf.measure import complexity, soft_complexity
+from torchlinf.measure import complexity, own_angle, soft_complexity, turned
 
 SIDES = ((41,), (70, 90), (9, 11, 10), (5, 6, 5, 7))  # in 2-D large enough for coarse grids
 LARGE = 340  # side of a square whose cut-out takes the path of large shapes
@@ -59,6 +59,8 @@ def _call_everything() -> None:
             grey = torch.rand((1, 1, 12, 14), generator=generator, device="cpu").requires_grad_()
             ShapeComplexityLoss()(grey, torch.ones_like(grey)).backward()
             simplify(mask[:40, :40], weight=0.1, max_flips=2, keep_topology=True, spatial_ndim=2)
+    small_mask = np.tri(12, 9, dtype=np.bool_)
+    turned(small_mask, own_angle(small_mask))
     y, x = np.mgrid[:LARGE, :LARGE]
     complexity(torch.from_numpy((x - 100) ** 2 + (y - 90) ** 2 > 900), spatial_ndim=2)
     _solve_large_component()

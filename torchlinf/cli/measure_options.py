@@ -58,26 +58,77 @@ OPTIONS: Mapping[str, Any] = {
         float | None,
         typer.Option("--tol-bits", metavar="B", show_default="0", help="Bits that a level may be off; inf for any."),
     ],
+    "orientation": Annotated[
+        str | None,
+        typer.Option(
+            "--orientation",
+            metavar="own|mean|least|DEGREES",
+            show_default="the grid",
+            help="The axes that a shape is measured along: those of its smallest rectangle, the mean or the least over "
+            "rotations, or the shape turned by degrees first.",
+        ),
+    ],
+    "rotations": Annotated[
+        int | None,
+        typer.Option("--rotations", metavar="N", show_default="6", help="How many rotations mean and least take."),
+    ],
+    "per": Annotated[
+        str | None,
+        typer.Option(
+            "--per",
+            metavar="mask|object",
+            show_default="mask",
+            help="What one shape is: all of a mask, or each connected component.",
+        ),
+    ],
+    "connectivity": Annotated[
+        int | None,
+        typer.Option(
+            "--connectivity",
+            metavar="N",
+            show_default="all that touch",
+            help="Along how many axes connected pixels may differ; 1: they share a face.",
+        ),
+    ],
+    "min_pixels": Annotated[
+        int | None,
+        typer.Option("--min-pixels", metavar="N", show_default="1", help="Objects of fewer pixels are left out."),
+    ],
+    "pool": Annotated[
+        str | None,
+        typer.Option(
+            "--pool",
+            metavar="mean|area",
+            show_default="a row an object",
+            help="One row a mask, the mean of its objects: each counts the same, or as its pixels.",
+        ),
+    ],
 }
+# Of a mask in its own frame, or of its objects, no picture of a whole mask is drawn.
+PARTS = ("orientation", "rotations", "per", "connectivity", "min_pixels", "pool")
 
 
-def takes_measure(windows: Mapping[str, tuple[float, float]]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def takes_measure(
+    windows: Mapping[str, tuple[float, float]], *, parts: bool = True
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the options of the measure; it gets a checked `Measure` as its keyword `measure`.
 
     Args:
         windows: those that the command has without `--window`, `--low` and `--high`.
+        parts: whether it takes the options of orientation and objects.
     """
+    kinds = {name: kind for name, kind in OPTIONS.items() if parts or name not in PARTS}
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @wraps(command)
         def run(**given: Any) -> None:
-            options = {name: value for name in OPTIONS if (value := given.pop(name)) is not None}
+            options = {name: value for name in kinds if (value := given.pop(name)) is not None}
             command(**given, measure=_measure(options, windows))
 
         own = [one for one in inspect.signature(command).parameters.values() if one.name != "measure"]
         added = [
             inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
-            for name, kind in OPTIONS.items()
+            for name, kind in kinds.items()
         ]
         run.__signature__ = inspect.Signature([*own, *added])  # type: ignore[attr-defined]
         run.__annotations__ = {name: one.annotation for name, one in run.__signature__.parameters.items()}  # type: ignore[attr-defined]
@@ -109,9 +160,23 @@ def parse_windows(texts: list[str]) -> dict[str, tuple[float, float]]:
     return windows
 
 
+def parse_orientation(text: str) -> str | float:
+    """An orientation as it stands on the command line: a word, or degrees.
+
+    >>> parse_orientation("own"), parse_orientation("-12.5")
+    ('own', -12.5)
+    """
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
 def _measure(options: dict[str, Any], windows: Mapping[str, tuple[float, float]]) -> Any:
     if texts := options.pop("windows", None):
         options["windows"] = parse_windows(texts)
+    if text := options.pop("orientation", None):
+        options["orientation"] = parse_orientation(text)
     from torchlinf.scoring import score_measure
 
     try:

@@ -9,8 +9,8 @@ Paths = Annotated[
     list[Path],
     typer.Argument(
         metavar="PATH",
-        help="Masks (PNG, GIF, TIFF, BMP, JPEG, .npy, .npz), folders of them, patterns in quotes, tar archives, and "
-        "COCO files (.json).",
+        help="Masks (PNG, GIF, TIFF, BMP, JPEG, WebP, AVIF, PBM, PGM, PPM, .npy, .npz, NIfTI), folders of them, "
+        "patterns in quotes, tar archives (.tar, .tar.gz, .tgz), and COCO and labelme files (.json).",
     ),
 ]
 Out = Annotated[
@@ -46,6 +46,23 @@ Ignore = Annotated[
 ]
 Volume = Annotated[bool, typer.Option("--volume", help="Three axes, or pages of a TIFF, are one volume (D, H, W).")]
 Stack = Annotated[bool, typer.Option("--stack", help="Three axes, or pages of a TIFF, are masks, a row each.")]
+Spacing = Annotated[
+    str | None,
+    typer.Option(
+        "--spacing",
+        metavar="SIZES",
+        help="Size of a pixel along each axis, depth first, as in 3,0.9,0.9; or header, or pixels. The mask is brought "
+        "to cubes first.",
+        show_default="that of NIfTI alone",
+    ),
+]
+Voxel = Annotated[
+    float | None,
+    typer.Option("--voxel", metavar="SIZE", help="Size of the cubes.", show_default="the finest of the spacing"),
+]
+Report = Annotated[
+    Path | None, typer.Option("--report", metavar="FILE", help="Write a page of the table too, .html, as report does.")
+]
 Invert = Annotated[bool, typer.Option("--invert", "-i", help="Swap inside and outside, for dark shapes.")]
 Ray = Annotated[
     str | None,

@@ -11,7 +11,16 @@ from typing import NoReturn
 import typer
 
 from torchlinf._helpers.terminal import printable
-from torchlinf.scoring import JOURNAL, STANDARD_OUTPUT, SUFFIXES, NoTableError, Score, Source, table_format
+from torchlinf.scoring import (
+    JOURNAL,
+    STANDARD_OUTPUT,
+    SUFFIXES,
+    TAR_SUFFIXES,
+    NoTableError,
+    Score,
+    Source,
+    table_format,
+)  # fmt: skip
 
 # 128 + the number of the signal, as a shell reports a program that SIGINT (Ctrl-C) or SIGPIPE (`| head`) ended.
 WRONG, INTERRUPTED, PIPE_CLOSED = 2, 130, 141
@@ -130,7 +139,7 @@ def check_out(out: Path | None, as_json: bool, overwrite: bool, retry: bool) -> 
         problem = "--retry keeps what --overwrite drops; pass one of them"
     elif out is None or is_standard_output(out):
         problem = "--overwrite and --retry need a table to work on; pass --out" if overwrite or retry else None
-    elif out.suffix.lower() in (*SUFFIXES, ".tar"):
+    elif out.name.lower().endswith((*SUFFIXES, *TAR_SUFFIXES)):
         problem = f"{out} has the name of a mask; pass for example scores.csv"
     else:
         problem = _format_problem(out, as_json) or folder_problem(out)

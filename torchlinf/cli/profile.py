@@ -23,7 +23,7 @@ MAX_DRAWN = 12
 EPILOG = f"{RULE}\n\n{STATUS}"
 
 
-@takes_measure({"complexity": (0.0, 1.0)})
+@takes_measure({"complexity": (0.0, 1.0)}, parts=False)
 def profile(
     paths: Paths,
     *,
@@ -43,7 +43,7 @@ def profile(
         from rich.console import Console
 
         from torchlinf.plot import overview
-        from torchlinf.scoring import ScoreOptions, UnreadableMaskError, read_inside
+        from torchlinf.scoring import ScoreOptions, UnreadableMaskError, read_measured
 
         with reading_options():
             options = ScoreOptions(threshold, invert, max_pixels, None, measure, label, nonzero, ignore or (), volume)
@@ -52,7 +52,7 @@ def profile(
         masks: dict[str, Tensor] = {}
         for source in sources:
             try:
-                inside = read_inside(source, options.reading).inside
+                inside = read_measured(source, options.reading)
                 if not inside.any():
                     raise UnreadableMaskError("no foreground: no pixel is inside")
                 masks[title(source, sources)] = torch.from_numpy(inside)

@@ -1,15 +1,15 @@
 """`torchlinf score`: a table of masks."""
 
-import os
 import re
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Collection, Iterable
+from contextlib import closing
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from torchlinf.cli.inputs import find_sources, reading_options
+from torchlinf.cli.inputs import find_sources, reading_options, spacing_of
 from torchlinf.cli.measure_options import takes_measure
 from torchlinf.cli.options import (
     AsJson,
@@ -24,13 +24,27 @@ from torchlinf.cli.options import (
     Overwrite,
     Paths,
     Ray,
+    Report,
     Retry,
+    Spacing,
     Stack,
     Threshold,
     Volume,
+    Voxel,
     Workers,
 )  # fmt: skip
-from torchlinf.cli.outputs import STATUS, check_out, end_if_failed, endings, is_standard_output, refuse_source, say
+from torchlinf.cli.outputs import (
+    STATUS,
+    check_out,
+    end_if_failed,
+    endings,
+    is_standard_output,
+    load_table,
+    refuse_source,
+    say,
+)  # fmt: skip
+from torchlinf.cli.progress import cores, progress
+from torchlinf.cli.score_geodata import takes_geodata
 from torchlinf.scoring import COLUMNS, MAX_PIXELS, RULE, WINDOWS
 
 if TYPE_CHECKING:
@@ -45,6 +59,7 @@ or --high the one column complexity.
 
 
 @takes_measure(WINDOWS)
+@takes_geodata
 def score(
     paths: Paths,
     *,
@@ -59,36 +74,50 @@ def score(
     ignore: Ignore = None,
     stack: Stack = False,
     volume: Volume = False,
+    spacing: Spacing = None,
+    voxel: Voxel = None,
     invert: Invert = False,
     members: Members = None,
     workers: Workers = None,
     max_pixels: MaxPixels = MAX_PIXELS,
     ray: Ray = None,
+    report: Report = None,
     measure: "Measure",
 ) -> None:
-    """Score masks: one row of numbers a mask.
+    """Score masks: one row of numbers a mask, or an object with --per object.
 
     Without --out the table goes to the terminal, or as CSV into a pipe. A mask that cannot be scored gives a row that
     says why, and the rest go on. With --out the rows are kept in a journal, FILE.part, until all are there: stopped by
     Ctrl-C, a kill or a full disk, the same command goes on where it was. Masks whose rows are in the table already are
     not scored again.
+
+    Outlines in a .gpkg, .geojson, .shp or .parquet (GeoParquet) file are drawn at --resolution, and scored with a row
+    for each that has their attributes too; --out may be .gpkg then.
     """
     from torchlinf.scoring import ScoreOptions, open_table, score_groups
 
     with reading_options():
         options = ScoreOptions(
-            threshold, invert, max_pixels, members, measure, label, nonzero, ignore or (), volume, labels, stack
-        )
+            threshold, invert, max_pixels, members, measure, label, nonzero, ignore or (), volume, labels, stack,
+            spacing_of(spacing), voxel,
+        )  # fmt: skip
+    if report is not None:
+        from torchlinf.cli.report import check_page, write_page
+
+        check_page(report, "--report")
     if ray is not None:
         from torchlinf.cli.score_on_ray import score_on_ray
 
-        if as_json or overwrite or retry:
-            raise typer.BadParameter("it always goes on in its folder, of Parquet files", param_hint="--ray")
+        if as_json or overwrite or retry or report is not None:
+            raise typer.BadParameter(
+                "it always goes on in its folder, of Parquet files; torchlinf report makes a page of it",
+                param_hint="--ray",
+            )
         with endings(None):
-            score_on_ray(paths, out, ray, workers or _cores(), options, _progress)
+            score_on_ray(paths, out, ray, workers or cores(), options, progress)
         return
     check_out(out, as_json, overwrite, retry)
-    failed = 0
+    failed, shown = 0, []
     with endings(out):
         sources = find_sources(paths, members)
         refuse_source(out, sources)
@@ -100,43 +129,31 @@ def score(
             failed += sum(any(put.done[path] is not None for path in held[name]) for name in done & names)
             if before := len(sources) - len(new):
                 say(f"{before} of {len(sources)} masks are in {out} already.")
-            groups = score_groups(new, options, workers=workers or _cores())
+            groups = score_groups(new, options, workers=workers or cores())
             streams = is_standard_output(out) and (as_json or out is not None) and sys.stdout.isatty()
-            with closing(groups), _progress(before, len(sources), shown=not streams) as advance:
+            with closing(groups), progress(before, len(sources), shown=not streams) as advance:
                 for source, rows in zip(new, groups, strict=True):
                     replaced = {*held.get(source.name, ()), *failures.get(source.name, ())}
                     put(*rows, instead_of=sorted(replaced - {row.path for row in rows}))
+                    if report is not None and is_standard_output(out):
+                        shown += [row.cells() for row in rows]
                     failed += any(row.error is not None for row in rows)
                     advance()
+    if report is not None and (shown or not is_standard_output(out)):
+        with endings(None):
+            cells = shown if out is None or is_standard_output(out) else [row.cells() for row in load_table(out)]
+            title = "Complexity of shapes" if out is None else f"Complexity of shapes: {out.name}"
+            write_page(cells, report, title, Path(), max_pixels=max_pixels)
     end_if_failed(failed, len(sources), "" if is_standard_output(out) or retry else " --retry scores them again.")
 
 
 def _by_source(paths: Iterable[str], names: Collection[str]) -> dict[str, list[str]]:
-    """Paths of rows by their source; --stack and --labels add a page and a label to its name, as stack.npy[3]#15."""
+    """Paths of rows by their source; a page, a label and an object may be behind its name, as stack.npy[3]#15@2."""
     sources: dict[str, list[str]] = {}
     for path in paths:
-        shorter = re.sub(r"#\d+$", "", path)
-        shortest = re.sub(r"\[\d+\]$", "", shorter)
-        name = next((name for name in (path, shorter, shortest) if name in names), shortest)
+        shorter = [path]
+        for behind in (r"@\d+$", r"#\d+$", r"\[\d+\]$"):
+            shorter.append(re.sub(behind, "", shorter[-1]))
+        name = next((name for name in shorter if name in names), shorter[-1])
         sources.setdefault(name, []).append(path)
     return sources
-
-
-def _cores() -> int:
-    # In a container or a batch job the machine may have more cores than this process may use.
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextmanager
-def _progress(done: int, total: int, shown: bool) -> Iterator[Callable[[], None]]:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("scoring"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    if not (shown and console.is_terminal):  # a disabled Progress of rich before 14.3 prints an empty line
-        yield lambda: None
-        return
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("scoring", total=total, completed=done)
-        yield lambda: progress.advance(task)

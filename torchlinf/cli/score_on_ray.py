@@ -2,6 +2,7 @@
 
 import logging
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import typer
 
+from torchlinf.cli.inputs import tell_passed_over
 from torchlinf.cli.outputs import INTERRUPTED, end_if_failed, fail, is_standard_output, say
 from torchlinf.scoring import Part, ScoreOptions, find_shards
 from torchlinf.scoring.ray import connected, score_shards
@@ -37,7 +39,9 @@ def score_on_ray(
         raise typer.BadParameter(
             f"--ray writes a folder of Parquet files; got {out}. Pass for example --out scores/", param_hint="--out"
         )
-    shards = find_shards(paths)
+    passed_over: Counter[str] = Counter()
+    shards = find_shards(paths, passed_over=passed_over)
+    tell_passed_over(passed_over)
     if not shards:
         raise typer.BadParameter(f"no masks found in {', '.join(map(str, paths))}")
     parts: list[Part] = []

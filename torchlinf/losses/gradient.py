@@ -42,12 +42,7 @@ def region_flip_gradient(
         tensor([0.])
     """
     on_cpu = probability.detach().cpu()
-    # A sum of probabilities may be rounded to a little above 1.
-    if bool(((on_cpu < 0) | (on_cpu > 1 + 4 * torch.finfo(on_cpu.dtype).eps)).any()):
-        raise ValueError(
-            f"input must hold probabilities in [0, 1]; got values from {on_cpu.min():.4g} to {on_cpu.max():.4g}. "
-            'Pass activation="sigmoid" or "softmax" for logits.'
-        )
+    require_probabilities(on_cpu)
     measure = Measure(
         low=low,
         high=high,
@@ -68,6 +63,16 @@ def region_flip_gradient(
 def _(probability: Tensor, *options: object) -> tuple[Tensor, Tensor]:
     # Of the strides that the operator gives, which are not those of a permuted input.
     return probability.new_empty(len(probability)), probability.new_empty(probability.shape)
+
+
+def require_probabilities(values: Tensor) -> None:
+    """Raise unless all values are in [0, 1]; NaN passes."""
+    # A sum of probabilities may be rounded to a little above 1.
+    if bool(((values < 0) | (values > 1 + 4 * torch.finfo(values.dtype).eps)).any()):
+        raise ValueError(
+            f"input must hold probabilities in [0, 1]; got values from {values.min():.4g} to {values.max():.4g}. "
+            'Pass activation="sigmoid" or "softmax" for logits.'
+        )
 
 
 def finite_difference_gradient(

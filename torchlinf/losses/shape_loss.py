@@ -7,8 +7,9 @@ import torch
 from torch import Tensor, nn
 
 from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, choice, count, flag, fraction, not_negative
-from torchlinf.losses.gradient import region_flip_gradient, without_area
-from torchlinf.measure import Measure, WindowOptions, takes
+from torchlinf.losses.gradient import region_flip_gradient, require_probabilities, without_area
+from torchlinf.losses.parts import consistent, cut_out, like_sizes, others_of, padded_to, parts_of
+from torchlinf.measure import MeanOptions, Measure, takes
 
 __all__ = ["ShapeComplexityLoss"]
 
@@ -25,7 +26,7 @@ REDUCTIONS = ("none", "mean", "sum")
 LOW_PRECISION = (torch.float16, torch.bfloat16)
 
 
-@takes(WindowOptions)
+@takes(MeanOptions)
 class ShapeComplexityLoss(nn.Module):
     """Hard complexity of predicted shapes, with a gradient that moves their boundaries.
 
@@ -33,6 +34,10 @@ class ShapeComplexityLoss(nn.Module):
     measure. The gradient is a finite difference under region flips: regions of the shape are removed or filled as a
     whole, one by one, and the change dC that each flip makes to the complexity is spread over the pixels of its region.
     Moving the probability of a region R by a small e changes the loss by e dC(R), up to other regions that overlap R.
+
+    With `per="object"` every object of a thresholded prediction is a shape of its own, and the loss of a prediction
+    is the mean over its objects, as `pool` says. With an `orientation` every shape is turned first. What is flipped
+    then are regions of the turned shape, and the gradient comes back to the pixels that it was interpolated from.
 
     It regularises; it does not know what is in the image. Add it to a data term, such as Dice or cross-entropy. It is
     most useful once the predicted shapes resemble something: let a network train some epochs without it.
@@ -79,7 +84,8 @@ class ShapeComplexityLoss(nn.Module):
         - output: a number, or (B, C) for reduction "none", with zeros for shapes left out; in bits (share of the
           field's maximum for "std"), times the weight.
 
-    An empty shape is not a simple shape: it costs `measure.largest`, which the complexity of no shape exceeds: 10 bits,
+    An empty shape, and with `per="object"` a prediction without an object of `min_pixels`, is not a simple shape: it
+    costs `measure.largest`, which the complexity of no shape exceeds: 10 bits,
     the log2 of the bins, by default (0.5 for "std"). No region of more than half of a shape is flipped. No gradient can
     bring an empty shape back; that is the data term's task. A full prediction is a box: value 0. NaN in the input gives
     NaN.
@@ -87,7 +93,8 @@ class ShapeComplexityLoss(nn.Module):
     Differentiable once in the input; second derivatives see a constant gradient. Deterministic, and independent of the
     rest of the batch. A mirror image has the same loss and the mirrored gradient, as far as the errors of the fields
     allow: at the default `tol` to rounding, at a coarse one not. It works under `torch.compile` (the flips are one
-    opaque step) and under autocast, and it pickles unless `activation` does not.
+    opaque step; with `orientation` or `per="object"` all of the loss is a break in the graph) and under autocast, and
+    it pickles unless `activation` does not.
 
     Raises:
         TypeError: an argument is of the wrong type.
@@ -117,10 +124,10 @@ class ShapeComplexityLoss(nn.Module):
         threshold: float = 0.5,
         max_flips: int = 16,
         deformations: bool = False,
-        **options: Unpack[WindowOptions],
+        **options: Unpack[MeanOptions],
     ) -> None:
         super().__init__()
-        self.measure = Measure.of(options, WindowOptions)
+        self.measure = Measure.of(options, MeanOptions)
         self.measure.scalar_rho()
         self.weight = weight
         self.activation = _activation(activation)
@@ -162,6 +169,8 @@ class ShapeComplexityLoss(nn.Module):
             probability = probability[:, 1:]
             target = target if target is None else target[:, 1:]
             mask = mask if mask is None else mask.expand_as(input)[:, 1:]
+        if not self.measure.is_plain:
+            return self._loss_of_parts(probability, mask, target)
         return self._reduce(self._complexity(probability, mask), target)
 
     def extra_repr(self) -> str:
@@ -179,9 +188,53 @@ class ShapeComplexityLoss(nn.Module):
     def _complexity(self, probability: Tensor, mask: Tensor | None) -> Tensor:
         """(B, C): the hard values, with the gradient under region flips."""
         flat = probability.flatten(0, 1)
+        value, gradient = self._flips(flat.detach())
+        counted = torch.ones_like(flat) if mask is None else mask.expand_as(probability).flatten(0, 1).to(flat)
+        gradient = gradient * counted
+        if self.keep_area:
+            gradient = without_area(gradient, counted * (flat * (1 - flat)).detach())
+        # A zero that has the gradient of sum(gradient * p).
+        carrier = gradient * (flat - flat.detach())
+        return (value + carrier.flatten(1).sum(dim=1)).reshape(probability.shape[:2])
+
+    @torch.compiler.disable  # type: ignore[untyped-decorator]
+    def _loss_of_parts(self, probability: Tensor, mask: Tensor | None, target: Tensor | None) -> Tensor:
+        return self._reduce(self._complexity_of_parts(probability, mask), target)
+
+    def _complexity_of_parts(self, probability: Tensor, mask: Tensor | None) -> Tensor:
+        """(B, C): the same, each the mean over its objects, in their frames."""
+        flat = probability.flatten(0, 1)
+        require_probabilities(flat.detach())
+        inside = (flat.detach() > self.threshold).cpu().numpy()
+        counted = torch.ones_like(flat) if mask is None else mask.expand_as(probability).flatten(0, 1).to(flat)
+        through = torch.where(counted > 0, flat, flat.detach())
+        parts = parts_of(inside, self.measure)
+        cuts = [cut_out(through[part.owner], part, others_of(part, inside[part.owner])) for part in parts]
+        # NaN stays NaN, and what has no part a loss with a gradient of zeros.
+        total = (0.0 * (flat - flat.detach())).flatten(1).sum(dim=1)
+        owners = torch.tensor([part.owner for part in parts], dtype=torch.int64, device="cpu")
+        missing = torch.bincount(owners, minlength=len(flat)) == 0
+        total = total + self.measure.largest * missing.to(total)
+        for numbers in like_sizes(parts):
+            cut = [consistent(cuts[i], parts[i], self.threshold) for i in numbers]
+            values, gradients = self._flips(torch.stack([padded_to(one, cut) for one in cut]))
+            for i, value, whole in zip(numbers, values, gradients, strict=True):
+                gradient = whole[tuple(slice(side) for side in cuts[i].shape)]
+                weight = cut_out(counted[parts[i].owner], parts[i])
+                gradient = gradient * weight
+                if self.keep_area:
+                    doubt = weight * (cuts[i] * (1 - cuts[i])).detach()
+                    gradient = without_area(gradient[None], doubt[None])[0]
+                carrier = (gradient * (cuts[i] - cuts[i].detach())).sum()
+                share = parts[i].weight * (value + carrier)
+                total = total.index_add(0, owners[i : i + 1].to(total.device), share[None])
+        return total.reshape(probability.shape[:2])
+
+    def _flips(self, probability: Tensor) -> tuple[Tensor, Tensor]:
+        """The complexity (N,) of shapes (N, *spatial) as they stand, and their gradient under region flips."""
         measure = self.measure
         value, gradient = region_flip_gradient(
-            flat.detach(),
+            probability,
             self.threshold,
             self.max_flips,
             self.deformations,
@@ -194,13 +247,7 @@ class ShapeComplexityLoss(nn.Module):
             measure.tol,
             measure.tol_bits,
         )
-        counted = torch.ones_like(flat) if mask is None else mask.expand_as(probability).flatten(0, 1).to(flat)
-        gradient = gradient * counted
-        if self.keep_area:
-            gradient = without_area(gradient, counted * (flat * (1 - flat)).detach())
-        # A zero that has the gradient of sum(gradient * p).
-        carrier = gradient * (flat - flat.detach())
-        return (value + carrier.flatten(1).sum(dim=1)).reshape(probability.shape[:2])
+        return value, gradient
 
     def _reduce(self, value: Tensor, target: Tensor | None) -> Tensor:
         if isinstance(self.weight, tuple):

@@ -11,24 +11,35 @@ import math
 import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Literal, TypedDict, TypeVar
 
+import numpy as np
+from numpy.typing import ArrayLike
 from torch import Tensor
 
-from torchlinf._helpers.checks import choice, count, from_zero, plain, positive, window
+from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, choice, count, from_zero, plain, positive, window
 
 Estimator = Literal["entropy", "std"]
 LevelSets = Literal["distance", "rim"]
+Per = Literal["mask", "object"]
+Pool = Literal["mean", "area"]
 Window = tuple[float, float]
+Rotation = tuple[tuple[float, ...], ...]  # a 3 x 3 rotation matrix, by rows
 
 ESTIMATORS = ("entropy", "std")
 LEVELS = ("distance", "rim")
+PER = ("mask", "object")
+POOLS = ("mean", "area")
+FRAMES = ("own", "mean", "least")  # orientations that are found from the shape
+SEVERAL = ("mean", "least")  # those of them that try several rotations
 MAX_BINS = 2**20  # finer bins would be narrower than the default tolerance can tell apart
 ALL_SCALES = (0.0, 1.0)
+ROTATIONS = 6  # of "mean" and "least", where nothing else is said
 
 
 class LevelOptions(TypedDict, total=False):
-    """Options of what is found on every level, before any mean over scales."""
+    """Options of what is found on every level, before any mean over scales; along the axes of the grid."""
 
     bins: int
     estimator: Estimator
@@ -45,8 +56,38 @@ class WindowOptions(LevelOptions, total=False):
     high: float
 
 
-class MeasureOptions(WindowOptions, total=False):
-    """Options of one or several numbers a shape."""
+class FrameOptions(TypedDict, total=False):
+    """Options of the axes that a shape is measured along."""
+
+    orientation: float | str | ArrayLike | Tensor | None
+    rotations: int
+
+
+class ObjectOptions(TypedDict, total=False):
+    """Options of what is one shape: a mask, or each connected component of it."""
+
+    per: Per
+    connectivity: int | None
+    min_pixels: int
+    pool: Pool | None
+
+
+class ProfileOptions(LevelOptions, FrameOptions, ObjectOptions, total=False):
+    """Options of a profile: of the levels, in which axes, and of what."""
+
+
+class MeanOptions(WindowOptions, FrameOptions, ObjectOptions, total=False):
+    """Options of one number a mask: the mean over one window of scales, in which axes, and of what."""
+
+
+class MeasureOptions(MeanOptions, total=False):
+    """Options of one or several numbers a mask: all there are."""
+
+    windows: Mapping[str, Window] | None
+
+
+class GridOptions(WindowOptions, total=False):
+    """Options of one or several numbers of a mask as it stands, along the axes of the grid."""
 
     windows: Mapping[str, Window] | None
 
@@ -77,6 +118,13 @@ class Measure:
         rho: screening length in pixels; None means each shape's own radius.
         tol: relative error that every field is certified to.
         tol_bits: bits that every level may be off; 0 means none, as far as floating point can tell.
+        orientation: the axes: None (the grid), degrees, "own", "mean", "least", or a 3 x 3 rotation matrix.
+        rotations: how many rotations "mean" and "least" try.
+        per: what is one shape: "mask", or "object" for each connected component.
+        connectivity: which pixels are connected; None means those that touch at all.
+        min_pixels: components of fewer pixels are left out.
+        pool: how the objects of a mask become one number: "mean" or "area"; None is "mean", and in tables one row an
+            object.
 
     Raises:
         TypeError: an option is of the wrong type.
@@ -99,6 +147,12 @@ class Measure:
     rho: float | Tensor | None = None
     tol: float = 1e-9
     tol_bits: float = 0.0
+    orientation: float | str | Rotation | None = None
+    rotations: int = ROTATIONS
+    per: Per = "mask"
+    connectivity: int | None = None
+    min_pixels: int = 1
+    pool: Pool | None = None
 
     def __post_init__(self) -> None:
         """Check every option; numbers become plain floats and ints."""
@@ -114,8 +168,29 @@ class Measure:
             checked["rho"] = positive(self.rho, "rho")
         checked["tol"] = positive(self.tol, "tol")
         checked["tol_bits"] = from_zero(self.tol_bits, "tol_bits")
+        checked["orientation"] = _orientation(self.orientation)
+        checked["rotations"] = count(self.rotations, "rotations")
+        checked["per"] = choice(self.per, PER, "per")
+        checked["connectivity"] = _connectivity(self.connectivity)
+        checked["min_pixels"] = count(self.min_pixels, "min_pixels")
+        checked["pool"] = None if self.pool is None else choice(self.pool, POOLS, "pool")
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+        self._used()
+
+    def _used(self) -> None:
+        """Refuse options that would change nothing beside the others: something else was meant."""
+        if self.rotations != ROTATIONS and self.orientation not in SEVERAL:
+            raise ValueError(
+                f'rotations must stand beside orientation="mean" or "least"; got rotations={self.rotations} beside '
+                f'orientation={self.orientation!r}. Pass orientation="mean".'
+            )
+        for name, default in (("connectivity", None), ("min_pixels", 1), ("pool", None)):
+            if self.per == "mask" and getattr(self, name) != default:
+                raise ValueError(
+                    f'{name} must stand beside per="object"; got {name}={getattr(self, name)!r} beside per="mask". '
+                    'Pass per="object".'
+                )
 
     @classmethod
     def of(cls, options: Mapping[str, Any], kind: type) -> "Measure":
@@ -149,7 +224,8 @@ class Measure:
 
         >>> Measure(high=0.25).settings()
         '{"low": 0.0, "high": 0.25, "windows": null, "bins": 1024, "estimator": "entropy", "levels": "distance",
-        "rho": null, "tol": 1e-09, "tol_bits": 0.0}'
+        "rho": null, "tol": 1e-09, "tol_bits": 0.0, "orientation": null, "rotations": 6, "per": "mask",
+        "connectivity": null, "min_pixels": 1, "pool": null}'
         """
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         if isinstance(self.rho, Tensor):
@@ -173,6 +249,25 @@ class Measure:
         return self.rho
 
     @property
+    def is_plain(self) -> bool:
+        """Whether a mask is measured as it stands: along the axes of the grid, all of it as one shape."""
+        return self.orientation is None and self.per == "mask"
+
+    def plain(self) -> "Measure":
+        """The measure of a mask as it stands, such as one object that has been cropped and turned already.
+
+        >>> Measure(bins=64, orientation="own", per="object").plain().options()
+        {'bins': 64}
+        """
+        return dataclasses.replace(
+            self, orientation=None, rotations=ROTATIONS, per="mask", connectivity=None, min_pixels=1, pool=None
+        )
+
+    def of_objects(self) -> "Measure":
+        """The measure of one object that has been cropped already: all but its axes is settled."""
+        return dataclasses.replace(self, per="mask", connectivity=None, min_pixels=1, pool=None)
+
+    @property
     def unit(self) -> str:
         """The unit of the values, as it stands on an axis of a plot."""
         return "bits" if self.estimator == "entropy" else "share of max f"
@@ -181,6 +276,50 @@ class Measure:
     def largest(self) -> float:
         """The value that no shape exceeds: log2(bins) bits, or a share of 0.5."""
         return math.log2(self.bins) if self.estimator == "entropy" else 0.5
+
+
+def _orientation(given: Any) -> float | str | Rotation | None:
+    """Check an orientation: a matrix becomes a tuple of its rows, which can be compared and hashed."""
+    remedy = 'Pass degrees, "own", "mean", "least" or None; in 3-D a 3 x 3 rotation matrix.'
+    if given is None:
+        return None
+    if isinstance(given, str):
+        if given not in FRAMES:
+            raise ValueError(f'orientation must be "own", "mean" or "least" if it is a word; got {given!r}. {remedy}')
+        return given
+    if isinstance(given, bool):
+        raise TypeError(f"orientation must be a number, a word or a matrix; got {given!r}. {remedy}")
+    if isinstance(given, Real):
+        if not math.isfinite(given):
+            raise ValueError(f"orientation must be finite; got {given!r}. {remedy}")
+        return float(given)
+    if isinstance(given, Tensor):
+        given = given.numpy(force=True)
+    matrix = given.as_matrix() if hasattr(given, "as_matrix") else given  # SciPy's Rotation
+    try:
+        rows = np.asarray(matrix, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"orientation must be a number, a word or a matrix; got {given!r}. {remedy}") from None
+    if rows.shape != (3, 3):
+        raise ValueError(f"orientation must be a 3 x 3 matrix if it is an array; got shape {rows.shape}. {remedy}")
+    if not (np.allclose(rows @ rows.T, np.eye(3), rtol=0, atol=1e-6) and np.linalg.det(rows) > 0):
+        raise ValueError(
+            f"orientation must be a rotation matrix, with orthogonal rows of length 1 and determinant 1; got "
+            f"{rows.tolist()}. Pass for example scipy.spatial.transform.Rotation.from_euler('z', 30, degrees=True)."
+        )
+    return tuple(map(tuple, rows.tolist()))
+
+
+def _connectivity(given: int | None) -> int | None:
+    """Check how many axes two neighbours may differ along; that it is no more than the mask has is checked there."""
+    if given is None:
+        return None
+    if count(given, "connectivity") > MAX_SPATIAL_NDIM:
+        raise ValueError(
+            f"connectivity must be at most the number of dimensions, {MAX_SPATIAL_NDIM}; got {given}. "
+            "Pass None for all pixels that touch, 1 for those that share a face."
+        )
+    return int(given)
 
 
 def _windows(windows: Mapping[str, Window] | None, single: Window) -> dict[str, Window] | None:
@@ -228,6 +367,20 @@ _DOCS = {
     "tol_bits": "how far every level's entropy may be off, in bits. 0: where a value may lie in another bin, the field "
     "is solved on, as far as floating point goes. Above 0: it is solved on only until this is reached; then a larger "
     "`tol` saves time. math.inf: it is never solved beyond `tol`. The error bound that remains is reported.",
+    "orientation": "the axes that a shape is measured along: a box is simple along its own sides alone. None: those of "
+    'the grid. "own": those of the bounding rectangle of smallest area (2-D); a shape whose upright box is less than '
+    "1 % larger is not turned. A number: the shape is turned by that many degrees first, counter-clockwise in an image "
+    '(2-D). "mean": the mean over several rotations, "least": the rotation with the smallest complexity (2-D). A '
+    "3 x 3 rotation matrix, or a SciPy Rotation: the shape is turned by it first (3-D). What is turned is resampled.",
+    "rotations": 'how many rotations "mean" and "least" take: i * 90 / rotations degrees for i = 0, 1 ... '
+    "rotations - 1, since 90 degrees change nothing.",
+    "per": 'what is one shape: "mask", all that is inside a mask; or "object", each connected component alone, '
+    "cropped, with its own radius and its own axes.",
+    "connectivity": "which pixels are connected: along how many axes neighbours may differ, 1 for a common face, up to "
+    "the number of dimensions; None means that number (8 neighbours in 2-D, 26 in 3-D).",
+    "min_pixels": "components of fewer pixels are left out; counted in the mask, before any turn.",
+    "pool": 'how the objects of one mask become one number: "mean", each counts the same; or "area", each counts as '
+    'its pixels. None means "mean"; but in a table one row an object, in the metric one shape an object.',
 }
 
 MARK = "{measure options}"

@@ -1,27 +1,17 @@
 """Complexity against scale: the profile of shapes, and its exact mean over a window of scales."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from torchlinf._helpers.checks import as_mask, choice, real_dtype, window
-from torchlinf.field import METHODS
-from torchlinf.measure.levels import (
-    Levels,
-    MaskAt,
-    first_level,
-    level_values,
-    levels_of,
-    levels_of_each,
-    numbered,
-    shape_of_level,
-)
-from torchlinf.measure.options import LevelOptions, Measure, WindowOptions, takes
+from torchlinf._helpers.checks import window
+from torchlinf.measure.levels import Levels, level_values, numbered
+from torchlinf.measure.options import Measure
 
 UNIT = 2.0**55  # sums of levels are kept in steps of 1 / UNIT
 
@@ -36,17 +26,24 @@ class ComplexityProfile:
     A profile that is computed can be averaged over any window, plotted, ordered and put into a table without another
     solve.
 
+    With `per="object"`, and with `orientation="mean"`, it is the mean of the profiles of its `parts`, scale by scale.
+    Parts differ in radius, so that it has no levels of its own: `level_values` is empty, and `levels` raises.
+
     Attributes:
         scales: (L,) the scale grid.
         values: (*lead, L) the level value (bits for "entropy", share of the field's maximum for "std") at each scale;
             NaN for an empty shape.
-        radius: (*lead) int64, D in pixels; 0 for an empty shape.
-        field_error_bound: (*lead) float64, the certified relative error of the field at every pixel.
+        radius: (*lead) int64, D in pixels; 0 for an empty shape; of several parts that of the largest.
+        field_error_bound: (*lead) float64, the certified relative error of the field at every pixel; of several parts
+            the largest.
         level_values: (sum of radius,) float64, all levels of all shapes one after the other; `levels` splits it.
         level_error_bound: like `level_values` and in their unit, how far each can be from that of the exact field.
             `error_bound` makes the bound of a mean of it.
         measure: how the levels were measured. Its window is not used here.
         seconds: (*lead) float64 on the CPU, the time that each shape took.
+        angle: (*lead) float64 on the CPU, degrees that each shape was turned by; None along the grid's axes, for a
+            rotation matrix, and where there are parts, which have angles of their own.
+        parts: what the profile is the mean of; None where a mask is one shape in one frame.
     """
 
     scales: Tensor
@@ -57,6 +54,23 @@ class ComplexityProfile:
     level_error_bound: Tensor
     measure: Measure
     seconds: Tensor
+    angle: Tensor | None = None
+    parts: "Parts | None" = None
+
+    @property
+    def objects(self) -> Tensor:
+        """(*lead) int64: how many shapes each mask has: its objects with per="object", else 1, or 0 if it is empty.
+
+        Example:
+            >>> import torchlinf
+            >>> mask = torch.tensor([[1, 1, 0, 1], [1, 1, 0, 1]])
+            >>> torchlinf.complexity_profile(mask, per="object", spatial_ndim=2).objects
+            tensor(2)
+        """
+        if self.parts is None or self.measure.per == "mask":
+            return (self.radius > 0).long()
+        counts = torch.from_numpy(self.parts.counts(self.radius.numel()))
+        return counts.reshape(self.radius.shape).to(self.radius)
 
     def levels(self) -> list[Any] | Tensor:
         """Values of the levels themselves, without a scale grid.
@@ -66,12 +80,20 @@ class ComplexityProfile:
             k - 1 is level k, and a shape of radius D has D entries, an empty one none. For a mask without leading
             dimensions it is that one tensor.
 
+        Raises:
+            ValueError: the profile is a mean of parts.
+
         Example:
             >>> import torchlinf
             >>> profile = torchlinf.complexity_profile(torch.ones(1, 1, 3, 6))
             >>> profile.levels()
             [[tensor([0., 0.], dtype=torch.float64)]]
         """
+        if self.parts is not None:
+            raise ValueError(
+                "levels must be those of one shape in one frame; got a mean of several. Pass profile.parts.profile, "
+                "which has the levels of each."
+            )
         parts = torch.split(self.level_values.to(self.values.dtype), self.radius.flatten().tolist())
         return _nest(parts, tuple(self.radius.shape))
 
@@ -95,35 +117,36 @@ class ComplexityProfile:
             (tensor(0.8227, dtype=torch.float64), tensor([7]))
         """
         radius, lead = self.radius.flatten(), tuple(self.radius.shape)
-        numbers = torch.arange(len(radius), device=radius.device).reshape(lead)
+        numbers = torch.from_numpy(np.arange(len(radius))).to(radius.device).reshape(lead)
         try:
             chosen = numbers[index]
         except (IndexError, TypeError) as error:
             raise IndexError(
                 f"index must select from the leading shape {lead}; got {index!r}. Pass integers or slices."
             ) from error
-        shapes = chosen.flatten()
-        size = radius[shapes]
-        entry = torch.arange(int(size.sum()), device=radius.device)
-        entry += (first_level(radius)[shapes] - first_level(size))[shape_of_level(size)]
+        shapes, lead = chosen.flatten().numpy(force=True), tuple(chosen.shape)
+        sizes = radius.numpy(force=True) if self.parts is None else np.zeros(len(radius), np.int64)
+        entry = _entries(sizes, shapes)
         measure = self.measure
         if isinstance(measure.rho, Tensor):
-            measure = replace(measure, rho=measure.rho.broadcast_to(lead)[index])
+            measure = replace(measure, rho=measure.rho.broadcast_to(self.radius.shape)[index])
         return ComplexityProfile(
             scales=self.scales,
-            values=self.values.reshape(-1, len(self.scales))[shapes].reshape(*chosen.shape, len(self.scales)),
-            radius=size.reshape(chosen.shape),
-            field_error_bound=self.field_error_bound.flatten()[shapes].reshape(chosen.shape),
-            level_values=self.level_values[entry],
-            level_error_bound=self.level_error_bound[entry],
+            values=_taken(self.values.reshape(-1, len(self.scales)), shapes).reshape(*lead, len(self.scales)),
+            radius=_taken(radius, shapes).reshape(lead),
+            field_error_bound=_taken(self.field_error_bound.flatten(), shapes).reshape(lead),
+            level_values=_taken(self.level_values, entry),
+            level_error_bound=_taken(self.level_error_bound, entry),
             measure=measure,
-            seconds=self.seconds.flatten()[shapes.cpu()].reshape(chosen.shape),
+            seconds=_taken(self.seconds.flatten(), shapes).reshape(lead),
+            angle=None if self.angle is None else _taken(self.angle.flatten(), shapes).reshape(lead),
+            parts=None if self.parts is None else self.parts.select(shapes, len(radius)),
         )
 
     def mean(self, low: float = 0.0, high: float = 1.0) -> Tensor:
         """Exact mean over the scales in (low, high], not a mean over a grid of samples.
 
-        It is sum_k E_k length(((k-1)/D, k/D] ∩ (low, high]) / (high - low).
+        It is sum_k E_k length(((k-1)/D, k/D] ∩ (low, high]) / (high - low); of parts the mean of theirs.
 
         Args:
             low: lower end of the window, excluded.
@@ -142,7 +165,10 @@ class ComplexityProfile:
             >>> profile.mean(), profile.mean(0.75, 1.0)
             (tensor(0.8227, dtype=torch.float64), tensor(0.1837, dtype=torch.float64))
         """
-        return self._mean_of(self.level_values, *window(low, high))
+        low, high = window(low, high)
+        if self.parts is not None:
+            return self._pooled(self.parts.profile.mean(low, high))
+        return self._mean_of(self.level_values, low, high)
 
     def error_bound(self, low: float = 0.0, high: float = 1.0) -> Tensor:
         """How far `mean(low, high)` can be from the complexity of the exact field, proven.
@@ -176,7 +202,53 @@ class ComplexityProfile:
             >>> bool((rough.mean() - 1.7651).abs() <= rough.error_bound()), bool(rough.error_bound() < 4)
             (True, True)
         """
-        return self._mean_of(self.level_error_bound, *window(low, high))
+        low, high = window(low, high)
+        if self.parts is not None:
+            return self._pooled(self.parts.profile.error_bound(low, high))
+        return self._mean_of(self.level_error_bound, low, high)
+
+    def standard_error(self, low: float = 0.0, high: float = 1.0) -> Tensor:
+        """How much `mean(low, high)` would vary if other rotations were taken, for orientation="mean".
+
+        The standard deviation (with n - 1) of the numbers of the n rotations, divided by the square root of n.
+
+        Args:
+            low: lower end of the window, excluded.
+            high: upper end of the window, included; 0 <= low < high <= 1.
+
+        Returns:
+            (*lead) tensor of the dtype of `values`, in their unit; NaN for an empty shape and for one rotation.
+
+        Raises:
+            TypeError: `low` or `high` is no number.
+            ValueError: not 0 <= low < high <= 1, or the orientation is another one.
+
+        Example:
+            >>> import torchlinf
+            >>> disc = torchlinf.shapes.disc(16)
+            >>> profile = torchlinf.complexity_profile(disc, orientation="mean", rotations=3, spatial_ndim=2)
+            >>> bool(profile.standard_error() < 0.1 * profile.mean())
+            True
+        """
+        each = self._by_rotation(*window(low, high)).T  # (rotations, N)
+        if len(each) == 1:
+            return self._lead(np.full(each.shape[1], np.nan))
+        # One after the other: the sums of NumPy's `std` depend on how many shapes there are.
+        mean = np.cumsum(each / len(each), axis=0)[-1]
+        square = np.cumsum((each - mean) ** 2, axis=0)[-1]
+        return self._lead(np.sqrt(square / (len(each) - 1) / len(each)))
+
+    def _by_rotation(self, low: float, high: float) -> NDArray[np.float64]:
+        """The mean over (low, high] of each shape at each rotation, its objects pooled: (N, rotations)."""
+        if self.measure.orientation != "mean" or self.parts is None:
+            raise ValueError(
+                "a standard error must be one over rotations; got a profile with "
+                f'orientation={self.measure.orientation!r}. Pass orientation="mean".'
+            )
+        parts = self.parts
+        if self.measure.per == "mask":
+            return parts.profile.mean(low, high).numpy(force=True).reshape(-1, self.measure.rotations)
+        return parts.pooled(parts.profile._by_rotation(low, high), self.radius.numel())
 
     def _mean_of(self, of_levels: Tensor, low: float, high: float) -> Tensor:
         """Exact mean over the scales in (low, high] of one number a level."""
@@ -195,6 +267,8 @@ class ComplexityProfile:
             >>> torchlinf.complexity_profile(torchlinf.shapes.disc(8), spatial_ndim=2).peak()
             (tensor(1.2867, dtype=torch.float64), tensor(0.1667, dtype=torch.float64))
         """
+        if self.parts is not None:
+            return self._peak_of_parts()
         shape, number = numbered(self.radius.flatten())
         radius, levels = (x.numpy(force=True) for x in (self.radius.flatten(), self.level_values))
         value, scale = np.full((2, len(radius)), np.nan)
@@ -204,8 +278,63 @@ class ComplexityProfile:
         scale[radius > 0] = _reduced(np.minimum, rank, radius) / radius[radius > 0]
         return self._lead(value), self._lead(scale)
 
+    def _pooled(self, values: Tensor) -> Tensor:
+        """One number a mask of one number a part."""
+        assert self.parts is not None
+        return self._lead(self.parts.pooled(values.numpy(force=True)[:, None], self.radius.numel())[:, 0])
+
+    def _peak_of_parts(self) -> tuple[Tensor, Tensor]:
+        value = torch.full(self.radius.shape, torch.nan, dtype=self.values.dtype, device=self.values.device)
+        scale = value.clone()
+        for index in (self.radius > 0).nonzero().tolist():
+            ends, values, _ = (self if self.radius.numel() == 1 else self[tuple(index)]).steps()
+            value[tuple(index)], scale[tuple(index)] = values.max(), ends[values.argmax()]
+        return value, scale
+
+    def steps(self) -> tuple[Tensor, Tensor, Tensor]:
+        """The profile of one shape as the staircase that it is.
+
+        Returns:
+            Three (S,) tensors of the dtype of `level_values`: the scale at which each step ends, in (0, 1] and
+            ascending, its value, and how far this can be from that of the exact field. A shape of radius D has D steps
+            of the same length; a mean of parts steps where one of them does. An empty shape has none.
+
+        Raises:
+            ValueError: the profile is of several shapes.
+
+        Example:
+            >>> import torchlinf
+            >>> mask = torch.ones(3, 9)
+            >>> mask[1:, 4] = 0
+            >>> torchlinf.complexity_profile(mask, per="object", spatial_ndim=2).steps()[0]
+            tensor([0.5000, 1.0000], dtype=torch.float64)
+        """
+        if self.radius.numel() != 1:
+            raise ValueError(f"steps must be those of one shape; got {self.radius.numel()}. Pass profile[0].steps().")
+        if self.parts is not None:
+            return self.parts.steps()
+        count = len(self.level_values)
+        number = torch.arange(1, count + 1, device=self.level_values.device).to(self.level_values)
+        return number / max(count, 1), self.level_values, self.level_error_bound
+
     def _lead(self, flat: NDArray[np.float64]) -> Tensor:
         return torch.from_numpy(flat).to(self.values.dtype).to(self.values.device).reshape(self.radius.shape)
+
+    def moved(self, device: torch.device, dtype: torch.dtype | None) -> "ComplexityProfile":
+        """A profile of float64 on the CPU brought to a device, its values in `dtype`."""
+        real = torch.float32 if device.type == "mps" else torch.float64
+        moved = replace(
+            self,
+            scales=self.scales.to(dtype or real).to(device),
+            values=self.values.to(dtype or real).to(device),
+            radius=self.radius.to(device),
+            field_error_bound=self.field_error_bound.to(real).to(device),
+            level_values=self.level_values.to(real).to(device),
+            level_error_bound=self.level_error_bound.to(real).to(device),
+        )
+        if self.parts is None:
+            return moved
+        return replace(moved, parts=self.parts.moved(device))
 
 
 def mean_of_levels(
@@ -231,131 +360,130 @@ def mean_of_levels(
     return found
 
 
-@takes(LevelOptions)
-def complexity_profile(
-    mask: Tensor,
-    *,
-    scales: Tensor | ArrayLike | None = None,
-    method: str = "auto",
-    spatial_ndim: int | None = None,
-    dtype: torch.dtype | None = None,
-    **options: Unpack[LevelOptions],
-) -> ComplexityProfile:
-    """Complexity of shapes against scale.
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What a profile was pooled from: the objects of each mask, or the rotations of each shape.
 
-    Level k of a shape is the set of pixels at chessboard distance k from the outside. On an axis-aligned box the
-    screened L-infinity field is constant on every level; the value E_k of a level says how far it is from that.
-    At scale t the profile shows level ceil(t D), D being the radius: an appendage of contact width w on a body of
-    width W shows at no t above w/W.
+    P parts of N masks, those of the first mask first.
 
-    Args:
-        mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, nonzero is inside,
-            beyond the array is outside. Each (b, c) is one shape.
-        scales: (L,) scales in (0, 1]; None means 0.01, 0.02 ... 1.00.
-        method: how the field is solved, "auto", "compiled", "accelerated" or "monotone"; see `solve_field`.
-        spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
-        dtype: of the values returned; None means float64 (float32 on a device without it), in which they are always
-            computed. `field_error_bound` keeps its own dtype, since it may be too small for a shorter one.
-        {measure options}
-
-    Returns:
-        A `ComplexityProfile`. An empty shape has radius 0 and NaN values; a full mask is a box, so exactly 0.0. Not
-        differentiable. What else is in the batch does not change the values of a shape. Flips and axis swaps of a shape
-        change them by no more than the errors of the fields explain; at the default `tol` by nothing on all shapes that
-        were tried.
-
-    Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: an argument has a wrong rank or value.
-        RuntimeError: a field could not be solved to `tol`; the message names the shapes.
-
-    Source: Arslan and Tari, "Complexity of Shapes Embedded in Z^n with a Bias Towards Squares", IEEE TIP 2020.
+    Attributes:
+        profile: of the leading shape (P,), the parts alone. Of objects with orientation="mean" it has parts itself, the
+            rotations of each object.
+        owner: (P,) int64, ascending: the number of the mask that each part belongs to, in the flattened batch.
+        weight: (P,) int64, how much each part counts in the mean: 1, or for pool="area" its pixels.
+        pixels: (P,) int64, pixels of each object in the mask, before any turn; None for rotations.
+        box: (P, spatial dimensions, 2) int64, the box of each object in the mask: first row and the one behind the
+            last, first column and the one behind the last, and so on; None for rotations.
 
     Example:
-        >>> from torchlinf import shapes
-        >>> profile = complexity_profile(shapes.disc(8), scales=[0.25, 0.5, 1.0], spatial_ndim=2)
-        >>> profile.values, profile.radius
-        (tensor([0.9799, 0.8813, 0.0000], dtype=torch.float64), tensor(6))
+        >>> import torchlinf
+        >>> mask = torch.tensor([[1, 1, 0, 0, 0], [1, 1, 0, 1, 1]])
+        >>> parts = torchlinf.complexity_profile(mask, per="object", spatial_ndim=2).parts
+        >>> parts.owner, parts.pixels, parts.box[1].tolist()
+        (tensor([0, 0]), tensor([4, 2]), [[1, 2], [3, 5]])
     """
-    measure = Measure.of(options, LevelOptions)
-    choice(method, ("auto", *METHODS), "method")
-    real_dtype(dtype)
-    grid = scale_grid(scales)
-    masks, lead = as_mask(mask, spatial_ndim)
-    return profile_of_levels(levels_of(masks, lead, measure, method), lead, measure, grid, dtype)
 
+    profile: "ComplexityProfile"
+    owner: Tensor
+    weight: Tensor
+    pixels: Tensor | None
+    box: Tensor | None
 
-def ragged_profile(mask_at: MaskAt, count: int, measure: Measure) -> ComplexityProfile:
-    """What `complexity_profile` gives for each of many masks alone, of whatever size, as one profile.
+    def number(self) -> Tensor:
+        """(P,) int64: the number of each part within its mask, from 1.
 
-    A batch of tensors would be as large as the largest mask times the number of shapes. Here only the masks being
-    worked on exist, one for each of torch's threads.
+        Example:
+            >>> import torchlinf
+            >>> masks = torch.tensor([[[1, 0, 1]], [[0, 1, 0]]])
+            >>> torchlinf.complexity_profile(masks, per="object", spatial_ndim=2).parts.number()
+            tensor([1, 2, 1])
+        """
+        begin = torch.searchsorted(self.owner, self.owner)
+        return torch.arange(1, len(self.owner) + 1, device=self.owner.device) - begin
 
-    Args:
-        mask_at: the i-th mask, a bool array, any box that holds the shape; called on several threads.
-        count: how many there are.
-        measure: how complexity is measured. Its window is not used here.
+    def counts(self, masks: int) -> NDArray[np.int64]:
+        """(masks,) how many parts each mask has."""
+        return np.bincount(self.owner.numpy(force=True), minlength=masks)
 
-    Returns:
-        The profile on the CPU, on the default scales, of the leading shape (count,).
+    def pooled(self, values: NDArray[np.float64], masks: int) -> NDArray[np.float64]:
+        """The weighted mean of the numbers of the parts of each mask.
 
-    Raises:
-        RuntimeError: a field could not be solved.
+        It does not depend on the order of the parts. The numbers of a single part are kept to the last bit. The
+        rotations of an empty mask are NaN, and so is their mean.
 
-    Example:
-        >>> import numpy as np
-        >>> masks = [np.ones((3, 5), dtype=bool), np.eye(4, dtype=bool)]
-        >>> profile = ragged_profile(masks.__getitem__, 2, Measure())
-        >>> profile.radius, profile.mean()
-        (tensor([2, 1]), tensor([0., 0.], dtype=torch.float64))
-    """
-    return profile_of_levels(levels_of_each(mask_at, count, (count,), measure), (count,), measure)
+        Args:
+            values: (P, L), any count of numbers a part, in [0, 32) as those of all levels are.
+            masks: how many masks there are.
 
+        Returns:
+            (masks, L); NaN for a mask without parts.
+        """
+        owner, weight, counts = self.owner.numpy(force=True), self.weight.numpy(force=True), self.counts(masks)
+        total = np.bincount(owner, weight, masks)
+        # Summed as integers, of which none exceeds 2^61.
+        unit = np.ldexp(1.0, 61 - np.frexp(32 * total)[1])[owner, None]
+        terms = np.rint(np.nan_to_num(values) * weight[:, None] * unit).astype(np.int64)
+        mean = np.full((masks, values.shape[1]), np.nan)
+        some = counts > 0
+        mean[some] = _reduced(np.add, terms, counts) / _reduced(np.maximum, unit, counts) / total[some, None]
+        alone = counts[owner] == 1
+        mean[owner[alone]] = values[alone]
+        mean[owner[np.isnan(values).any(axis=1)]] = np.nan
+        return mean
 
-@takes(WindowOptions)
-def complexity(
-    mask: Tensor,
-    *,
-    method: str = "auto",
-    spatial_ndim: int | None = None,
-    dtype: torch.dtype | None = None,
-    **options: Unpack[WindowOptions],
-) -> Tensor:
-    """Mean complexity of each shape over the scales in (low, high].
+    def total(self, values: Tensor, masks: int) -> Tensor:
+        """The sum of one number a part, for each mask."""
+        found = np.bincount(self.owner.numpy(force=True), values.numpy(force=True), masks)
+        return torch.from_numpy(found).to(values)
 
-    The same as `complexity_profile(mask, ...).mean(low, high)`: an exact mean over scales, not one over samples.
+    def largest(self, values: Tensor, masks: int) -> Tensor:
+        """The largest of one number of 0 or more a part, for each mask; 0 for a mask without parts."""
+        counts = self.counts(masks)
+        found = np.zeros(masks)
+        found[counts > 0] = _reduced(np.maximum, values.numpy(force=True), counts)
+        return torch.from_numpy(found).to(values)
 
-    Args:
-        mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, nonzero is inside,
-            beyond the array is outside. Each (b, c) is one shape.
-        method: how the field is solved, "auto", "compiled", "accelerated" or "monotone"; see `solve_field`.
-        spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
-        dtype: of the result; None means float64 (float32 on a device without it).
-        {measure options}
+    def select(self, masks: NDArray[np.int64], count: int) -> "Parts":
+        """The parts of some of the masks, (M,) of their numbers, in this order; they are numbered anew."""
+        counts = self.counts(count)
+        index = _entries(counts, masks)
+        owner = torch.from_numpy(np.repeat(np.arange(len(masks)), counts[masks])).to(self.owner.device)
+        pixels, box = (None if one is None else _taken(one, index) for one in (self.pixels, self.box))
+        profile = self.profile[torch.from_numpy(index).to(self.owner.device)]
+        return Parts(profile, owner, _taken(self.weight, index), pixels, box)
 
-    Returns:
-        Tensor of the leading shape, (B, C) by default, in bits (share of the field's maximum for "std"). NaN for an
-        empty shape; exactly 0.0 for a full mask and for any axis-aligned box. Not differentiable, and detached from
-        what the mask was made of: for a gradient use `soft_complexity` or `losses.ShapeComplexityLoss`.
+    def moved(self, device: torch.device) -> "Parts":
+        """The parts on a device."""
+        return replace(
+            self,
+            profile=self.profile.moved(device, None),
+            owner=self.owner.to(device),
+            weight=self.weight.to(device),
+            pixels=None if self.pixels is None else self.pixels.to(device),
+            box=None if self.box is None else self.box.to(device),
+        )
 
-    Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: an argument has a wrong rank or value.
-        RuntimeError: a field could not be solved to `tol`; the message names the shapes.
+    def steps(self) -> tuple[Tensor, Tensor, Tensor]:
+        """The steps of the mean of all parts against scale: see `ComplexityProfile.steps`."""
+        each = list(self._steps_of_each())
+        ends = torch.unique(torch.cat([self.profile.level_values.new_zeros(0), *(end for end, _, _ in each)]))
+        middles = (ends + torch.cat([ends.new_zeros(1), ends[:-1]])) / 2
+        weight = self.weight.to(ends) / self.weight.sum()
+        values, bounds = torch.zeros_like(ends), torch.zeros_like(ends)
+        for share, (end, value, bound) in zip(weight, each, strict=True):
+            at = torch.searchsorted(end, middles)
+            values += share * value[at]
+            bounds += share * bound[at]
+        return ends, values, bounds
 
-    Source: Arslan and Tari, "Complexity of Shapes Embedded in Z^n with a Bias Towards Squares", IEEE TIP 2020.
-
-    Example:
-        >>> from torchlinf import shapes
-        >>> complexity(torch.stack([shapes.box(17, 17), shapes.disc(8)]), spatial_ndim=2)
-        tensor([0.0000, 0.6233], dtype=torch.float64)
-    """
-    measure = Measure.of(options, WindowOptions)
-    choice(method, ("auto", *METHODS), "method")
-    real_dtype(dtype)
-    masks, lead = as_mask(mask, spatial_ndim)
-    profile = profile_of_levels(levels_of(masks, lead, measure, method), lead, measure, dtype=dtype)
-    return profile.mean(measure.low, measure.high)
+    def _steps_of_each(self) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
+        if self.profile.parts is not None:
+            yield from (self.profile[i].steps() for i in range(len(self.owner)))
+            return
+        sizes = self.profile.radius.tolist()
+        levels = self.profile.level_values.split(sizes), self.profile.level_error_bound.split(sizes)
+        for size, values, bounds in zip(sizes, *levels, strict=True):
+            yield torch.arange(1, size + 1, device=values.device).to(values) / max(size, 1), values, bounds
 
 
 def profile_of_field(field: Tensor, distance: Tensor, field_error: Tensor, measure: Measure) -> ComplexityProfile:
@@ -462,6 +590,24 @@ def length_within(level: NDArray[np.int64], radius: NDArray[np.int64], low: floa
     """
     length: NDArray[np.float64] = np.minimum(level / radius, high) - np.maximum((level - 1) / radius, low)
     return length.clip(min=0)
+
+
+def _entries(sizes: NDArray[np.int64], chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where the entries of those that are chosen stand in a flat list, of which each has so many.
+
+    >>> _entries(np.array([2, 0, 3]), np.array([2, 0]))
+    array([2, 3, 4, 0, 1])
+    """
+    size = sizes[chosen]
+    shift = (np.cumsum(sizes) - sizes)[chosen] - (np.cumsum(size) - size)
+    return np.arange(size.sum()) + np.repeat(shift, size)
+
+
+def _taken(values: Tensor, index: NDArray[np.int64]) -> Tensor:
+    """Rows of a tensor; by NumPy on the CPU, which starts no threads of OpenMP, see `torchlinf._helpers.parallel`."""
+    if values.device.type != "cpu":
+        return values[torch.from_numpy(index).to(values.device)]
+    return torch.from_numpy(values.numpy()[index])
 
 
 def _reduced(function: np.ufunc, of_levels: NDArray[Any], radius: NDArray[np.int64]) -> NDArray[Any]:

@@ -9,10 +9,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf.measure import ComplexityProfile
+from torchlinf.measure import ComplexityProfile, FrameOptions, ObjectOptions
 
 # Sums of the same numbers in another order differ by less than so many units in the last place of 1.
 ROUNDING = 256
+
+# The options that say what is measured, a mask or its parts, and in which axes.
+PARTS = (*FrameOptions.__optional_keys__, *ObjectOptions.__optional_keys__)
 
 SLACK = 2e-7  # no profile lowers its scales by more before it rounds them up to levels
 
@@ -39,11 +42,14 @@ def require_comparable(profiles: Iterable[tuple[str | int, ComplexityProfile]]) 
             )
         how = profile.measure
         measured = f"estimator={how.estimator!r}, bins={how.bins}, levels={how.levels!r}"
+        if not how.is_plain:
+            axes = {name: value for name, value in how.options().items() if name in PARTS}
+            measured += "".join(f", {name}={value!r}" for name, value in axes.items())
         first = first or measured
         if measured != first:
             raise ValueError(
-                f"profiles must be of one estimator, number of bins and kind of levels; got {measured} for {name!r} "
-                f"and {first} before it. Pass the same options for each."
+                f"profiles must be of one estimator, number of bins and kind of levels, and in the same frames; got "
+                f"{measured} for {name!r} and {first} before it. Pass the same options for each."
             )
 
 
@@ -61,14 +67,12 @@ def means_over(
 
 def values_at_all_scales(profiles: Sequence[ComplexityProfile]) -> tuple[Numbers, Numbers]:
     """Value of each shape between the scales where any shape steps to another level: (shapes, steps), and its bound."""
-    radii = [int(profile.radius) for profile in profiles]
-    steps = np.unique(np.concatenate([[0.0], *(np.arange(1, size + 1) / size for size in radii)]))
-    middles = (steps[1:] + steps[:-1]) / 2
-    levels = [np.ceil(middles * size).astype(int) - 1 for size in radii]
-    values = [p.level_values.numpy(force=True)[level] for p, level in zip(profiles, levels, strict=True)]
-    bounds = [
-        p.level_error_bound.numpy(force=True)[level] + rounding_of(p) for p, level in zip(profiles, levels, strict=True)
-    ]
+    stairs = [[one.numpy(force=True) for one in profile.steps()] for profile in profiles]
+    ends = np.unique(np.concatenate([[0.0], *(end for end, _, _ in stairs)]))
+    middles = (ends[1:] + ends[:-1]) / 2
+    at = [np.searchsorted(end, middles) for end, _, _ in stairs]
+    values = [value[step] for (_, value, _), step in zip(stairs, at, strict=True)]
+    bounds = [bound[step] + rounding_of(p) for (_, _, bound), step, p in zip(stairs, at, profiles, strict=True)]
     return _rows(values, len(middles)), _rows(bounds, len(middles))
 
 
@@ -78,11 +82,11 @@ def bounds_at_scales(profiles: Sequence[ComplexityProfile]) -> Tensor:
 
 
 def _bounds_at_scales(profile: ComplexityProfile) -> Tensor:
-    """The larger bound of two levels where rounding of a scale may have led to either of them."""
-    size, scales = int(profile.radius), profile.scales.cpu().double()
-    nearest = [((scales - slack) * size).ceil().long().clamp(1, size) - 1 for slack in (0.0, SLACK)]
-    bounds = profile.level_error_bound.cpu().double()
-    return torch.maximum(*(bounds[level] for level in nearest)) + rounding_of(profile)
+    """The larger bound of two steps where rounding of a scale may have led to either of them."""
+    ends, _, bounds = (one.cpu().double() for one in profile.steps())
+    scales = profile.scales.cpu().double()
+    nearest = [torch.searchsorted(ends, scales - slack).clamp(max=len(ends) - 1) for slack in (0.0, SLACK)]
+    return torch.maximum(*(bounds[step] for step in nearest)) + rounding_of(profile)
 
 
 def rounding_of(profile: ComplexityProfile) -> float:

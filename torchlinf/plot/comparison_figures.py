@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Unpack
 from torch import Tensor
 
 from torchlinf.field import FieldSolution
-from torchlinf.measure import LevelOptions, Measure, MeasureOptions, takes
+from torchlinf.measure import GridOptions, LevelOptions, Measure, takes
 from torchlinf.plot.drawing import TITLES, draw_legend, draw_levels, draw_profile, in_unit, looks, page, shorten
 from torchlinf.plot.solved_shape import refuse_beside, solved_shapes
 
@@ -69,12 +69,12 @@ def shapes(
     return figure
 
 
-@takes(MeasureOptions)
+@takes(GridOptions)
 def overview(
     masks: Mapping[str, Tensor],
     *,
     solutions: Mapping[str, FieldSolution] | None = None,
-    **options: Unpack[MeasureOptions],
+    **options: Unpack[GridOptions],
 ) -> "Figure":
     """Draw each mask twice, with level lines of f and of t, and all profiles in one plot below.
 
@@ -101,7 +101,7 @@ def overview(
         >>> [ax.get_title() for ax in figure.axes[1:]]
         ['field f / max f', 'scale t = d / D']
     """
-    measure = Measure.of(options, MeasureOptions)
+    measure = Measure.of(options, GridOptions)
     if solutions is not None:
         refuse_beside({name: value for name, value in options.items() if name in ("rho", "tol")}, "solution")
     solved = solved_shapes(masks, measure, solutions)

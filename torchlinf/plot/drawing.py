@@ -85,8 +85,8 @@ def in_unit(value: Tensor | float, measure: Measure) -> str:
 
 def draw_profile(ax: "Axes", solved: ComplexityProfile, label: str | None, look: Look) -> "Axes":
     """Level k holds for the scales from (k-1)/D to k/D: a staircase, not a line through points."""
-    values = solved.level_values.numpy(force=True)
-    edges = np.arange(len(values) + 1) / len(values)
+    ends, values, _ = (one.numpy(force=True) for one in solved.steps())
+    edges = np.concatenate([[0.0], ends])
     ax.stairs(values, edges, baseline=None, label=label, color=look.color, linestyle=look.style, linewidth=1.6)
     # The same ground for all, at least one bit high, and low enough to show the line of a profile that is zero.
     words, least = PROFILE_AXES[solved.measure.estimator]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf.measure import ComplexityProfile, LevelOptions, takes
+from torchlinf.measure import ComplexityProfile, ProfileOptions, takes
 from torchlinf.order import WINDOWS, Node, dominance, hasse_diagram
 from torchlinf.plot.drawing import COLOURS, pyplot, require_axes, shorten
 from torchlinf.plot.layered_layout import Bend, Layers, layers
@@ -59,7 +59,7 @@ class Diagram(NamedTuple):
     letters: int
 
 
-@takes(LevelOptions)
+@takes(ProfileOptions)
 def hasse(
     masks: Mapping[str, Tensor],
     *,
@@ -69,7 +69,7 @@ def hasse(
     every_scale: bool = False,
     highlight: Sequence[Node] = (),
     ax: "Axes | None" = None,
-    **options: Unpack[LevelOptions],
+    **options: Unpack[ProfileOptions],
 ) -> "Axes":
     """Draw the Hasse diagram of a partial order of shapes: each line leads up to a shape that is more complex.
 

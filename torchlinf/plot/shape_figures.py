@@ -7,7 +7,7 @@ from torch import Tensor
 
 from torchlinf._helpers.checks import positive
 from torchlinf.field import FieldSolution
-from torchlinf.measure import ComplexityProfile, LevelOptions, Measure, WindowOptions, takes
+from torchlinf.measure import ComplexityProfile, Measure, ProfileOptions, WindowOptions, takes
 from torchlinf.measure import complexity_map as measured_map
 from torchlinf.plot.drawing import COLOURS, TITLES, Look, axes_or_new, draw_levels, draw_map, draw_profile
 from torchlinf.plot.solved_shape import deepest, distance_of, profile_of, refuse_beside, scale_slice, solved_shape
@@ -23,7 +23,7 @@ class FieldOptions(TypedDict, total=False):
     tol: float
 
 
-@takes(LevelOptions)
+@takes(ProfileOptions)
 def profile(
     mask: Tensor | ComplexityProfile,
     *,
@@ -31,7 +31,7 @@ def profile(
     color: str | None = None,
     style: str = "-",
     ax: "Axes | None" = None,
-    **options: Unpack[LevelOptions],
+    **options: Unpack[ProfileOptions],
 ) -> "Axes":
     """Draw the complexity of one shape against scale, level by level.
 

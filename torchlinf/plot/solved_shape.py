@@ -13,8 +13,8 @@ from torchlinf._helpers.checks import as_mask
 from torchlinf.field import FieldSolution, chessboard_distance, solve_field
 from torchlinf.measure import (
     ComplexityProfile,
-    LevelOptions,
     Measure,
+    ProfileOptions,
     complexity_profile,
     profile_of_field,
 )
@@ -79,7 +79,7 @@ def solved_shapes(
     return {name: solved_shape(mask, measure, solutions[name], f"masks[{name!r}]") for name, mask in masks.items()}
 
 
-def profile_of(mask: Tensor | ComplexityProfile, options: LevelOptions, name: str = "mask") -> ComplexityProfile:
+def profile_of(mask: Tensor | ComplexityProfile, options: ProfileOptions, name: str = "mask") -> ComplexityProfile:
     """The profile of one shape, of any number of dimensions, unless it is one already."""
     if not isinstance(mask, ComplexityProfile):
         require_inside(mask, name)

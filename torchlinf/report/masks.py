@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf._helpers.boxes import bounding_box
-from torchlinf.measure import Measure, ragged_profile
+from torchlinf.measure import Measure, components, equal_spacing, ragged_profile, spacing_of_words
 from torchlinf.report.rows import Row, Table, measure_of, number_of, text_of
-from torchlinf.scoring import MAX_PIXELS, Source, UnreadableMaskError, find_masks, read_source
+from torchlinf.scoring import MAX_PIXELS, Source, UnreadableMaskError, find_masks, read_again, split_name
 
 COLOUR = (31, 73, 125)  # of what is inside
 SMALL, LARGE = 64, 128  # sides of a picture in the table and in a gallery, pixels
@@ -82,18 +82,14 @@ def _picture(table: Table, i: int, mask_of: MaskOf, profiled: bool, large: bool)
 
 @dataclass
 class MaskReader:
-    """Reads the mask that a row of a table tells of, by the row's path.
+    """Reads the mask that a row of a table tells of, by the row's path, its rule of what is inside, and its depth.
 
     Attributes:
         folder: where relative paths begin.
-        threshold: inside is what is greater, as the rows were scored.
-        invert: swap inside and outside, as the rows were scored.
         max_pixels: larger masks are refused.
     """
 
     folder: Path = Path()
-    threshold: float | None = None
-    invert: bool = False
     max_pixels: int = MAX_PIXELS
     _found: dict[Path, dict[str, Source]] = field(default_factory=dict, repr=False)
 
@@ -106,13 +102,21 @@ class MaskReader:
         Raises:
             UnreadableMaskError: the file is not there any more, or it cannot be read.
         """
-        source = self._source(str(row["path"]))
-        return read_source(source, threshold=self.threshold, invert=self.invert, max_pixels=self.max_pixels)
-
-    def _source(self, path: str) -> Source:
-        """The mask of this name: a file, or after a colon one of those in it."""
-        if "\0" in path:
+        path = str(row["path"])
+        own, page = split_name(path)
+        if (source := self._source(path)) is not None:
+            page = None
+        elif (source := self._source(own)) is None:
             raise UnreadableMaskError("no such file")
+        volume, inside = not np.isnan(number_of(row.get("depth"))), text_of(row.get("inside"))
+        mask = read_again(source, inside, page=page, volume=volume, max_pixels=self.max_pixels)
+        number = number_of(row.get("object"))
+        return mask if np.isnan(number) else _object(mask, int(number), measure_of(text_of(row.get("measure"))))
+
+    def _source(self, path: str) -> Source | None:
+        """The source of this name: a file, or after a colon one of those in it; None if there is none."""
+        if "\0" in path:
+            return None
         for name in (path, _bytes_of_escapes(path)):
             if os.path.isfile(self.folder / name):
                 return Source(self.folder / name)
@@ -120,11 +124,21 @@ class MaskReader:
             file, member = self.folder / path[:colon], path[colon + 1 :]
             if os.path.isfile(file):
                 if file not in self._found:
-                    self._found[file] = {text_of(one.member): one for one in find_masks([file])}
+                    self._found[file] = {text_of(one.member): one for one in find_masks([file], members="*")}
                 # The array of an archive that holds one only is not found by its name.
                 if member in self._found[file]:
                     return self._found[file][member]
-        raise UnreadableMaskError("no such file")
+        return None
+
+
+def _object(mask: NDArray[np.bool_], number: int, measure: Measure) -> NDArray[np.bool_]:
+    """One object of a mask, in the whole image."""
+    found = components(mask, connectivity=measure.connectivity, min_pixels=measure.min_pixels)
+    if number > len(found):
+        raise UnreadableMaskError(f"the mask has {len(found)} objects; the table says that this is number {number}")
+    alone, one = np.zeros_like(mask), found[number - 1]
+    alone[one.box] = one.mask()
+    return alone
 
 
 def _bytes_of_escapes(path: str) -> str:
@@ -139,7 +153,7 @@ def changed(mask: NDArray[np.bool_], row: Row) -> str:
         return ""
     return (
         f"the mask is not as it was scored: {inside:,} pixels are inside, the table says {int(pixels):,}. The file has "
-        "changed, or it was scored with another threshold"
+        "changed"
     )
 
 
@@ -176,10 +190,14 @@ def profile_values(mask: NDArray[np.bool_], row: Row) -> tuple[NDArray[np.uint16
     """
     settings = text_of(row.get("measure"))
     measure = measure_of(settings) if settings else Measure()
-    shape = np.ascontiguousarray(mask[bounding_box(mask)])
+    shape = mask[bounding_box(mask)]
     try:
+        if spacing := text_of(row.get("spacing")):
+            sizes, voxel = spacing_of_words(spacing)
+            shape = equal_spacing(shape, sizes, voxel=voxel)
+        shape = np.ascontiguousarray(shape)
         profile = ragged_profile([shape].__getitem__, 1, measure)
-    except RuntimeError as error:
+    except (RuntimeError, ValueError) as error:
         return np.empty(0, np.uint16), f"no profile: {error}"
     for name, ends in measure.named_windows().items():
         told = number_of(row.get(name))
@@ -189,6 +207,6 @@ def profile_values(mask: NDArray[np.bool_], row: Row) -> tuple[NDArray[np.uint16
                 "file has changed, or another version scored it"
             )
     levels = profile.level_values.numpy()
-    # The default scales of a profile are k/100.
-    values = levels if len(levels) <= MOST_LEVELS else profile.values[0].numpy()
+    # The default scales of a profile are k/100. A mean of parts has no levels of one length.
+    values = levels if profile.parts is None and len(levels) <= MOST_LEVELS else profile.values[0].numpy()
     return np.round(values / STEP).astype(np.uint16), ""

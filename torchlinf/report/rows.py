@@ -139,12 +139,15 @@ class Table:
 def measure_of(settings: str) -> Measure:
     """The measure that a cell of the column `measure` describes; the defaults if it cannot be read.
 
-    >>> measure_of(Measure(high=0.25).settings()).high
-    0.25
+    >>> measure_of(Measure(high=0.25, tol_bits=math.inf).settings()).options()
+    {'high': 0.25, 'tol_bits': inf}
     """
     try:
-        return Measure(**json.loads(settings))
-    except (TypeError, ValueError):
+        options = json.loads(settings)
+        if options.get("tol_bits") == "inf":  # JSON has no infinity
+            options["tol_bits"] = math.inf
+        return Measure(**options)
+    except (AttributeError, TypeError, ValueError):
         return Measure()
 
 

@@ -1,9 +1,7 @@
 """Masks of COCO JSON files: polygons, and run lengths of both kinds. Polygons need the extra `coco` (pycocotools)."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf._helpers.extras import require
+from torchlinf.scoring.names import name_beside
 from torchlinf.scoring.values import UnreadableMaskError
 
 # pycocotools walks along the outline in steps of a fifth of a pixel, wherever it leads.
@@ -55,20 +54,22 @@ class Annotation(NamedTuple):
     image: str | None = None
 
 
-def coco_masks(path: Path) -> Iterator[Annotation]:
+def coco_masks(path: Path, content: Any) -> Iterator[Annotation]:
     """List the annotations of a COCO file, in its order: instances, results (a bare list), or panoptic.
 
-    The name of each is its `id`; without one, its position from 0 on. A panoptic file has its PNG images in a folder of
-    its own name, or beside it.
+    The name of each is its `id`; without one, its position from 0 on; of a second one of a name, the name with "~2"
+    behind. A panoptic file has its PNG images in a folder of its own name, or beside it.
+
+    Args:
+        path: the file.
+        content: what its JSON says.
 
     Raises:
         ImportError: pycocotools is not installed.
-        OSError: the file cannot be read.
         UnreadableMaskError: it is not COCO JSON.
     """
     require("pycocotools.mask", "reading COCO files", "coco")
     try:
-        content = json.loads(path.read_bytes())
         if isinstance(content, list):
             if not content or not all(isinstance(one, dict) and "image_id" in one for one in content):
                 raise TypeError("a list, but not of results with an image_id")
@@ -80,9 +81,9 @@ def coco_masks(path: Path) -> Iterator[Annotation]:
             for one in content.get("categories") or ()
             if isinstance(one, dict) and "id" in one
         }
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise UnreadableMaskError(
-            f"not a COCO file with images and annotations ({type(error).__name__}: {error})"
+            f"not a COCO file with images and annotations, nor one of labelme ({type(error).__name__}: {error})"
         ) from error
     seen: set[str] = set()
     for position, annotation in enumerate(annotations):
@@ -93,9 +94,7 @@ def coco_masks(path: Path) -> Iterator[Annotation]:
         else:
             entries = [_annotation(annotation, position, images)]
         for entry in entries:
-            name = entry.name
-            if name in seen:  # files that were merged: the mask counts, under a name of its own
-                name = next(new for number in count(2) if (new := f"{entry.name}#{number}") not in seen)
+            name = name_beside(entry.name, seen)  # in files that were merged ids stand twice: each mask counts
             seen.add(name)
             category = categories.get(_key(entry.category), None if entry.category is None else str(entry.category))
             yield entry._replace(name=name, category=category, image=_image(entry.image, images))

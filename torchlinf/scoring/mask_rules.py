@@ -5,7 +5,7 @@ files as for the transforms; here stands what only files have: colours, pixels w
 """
 
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
 from pathlib import Path
@@ -14,10 +14,12 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf._helpers.checks import count, flag, number_or_none
+from torchlinf._helpers.checks import count, flag, number_or_none, positive
 from torchlinf._helpers.inside import NONZERO, UnclearMaskError, above, distinct, find_inside, listed, text
 from torchlinf.scoring.coco import Outline, Segment, draw
 from torchlinf.scoring.in_memory import InMemory, values_in_memory
+from torchlinf.scoring.labelme import Drawing, draw_shapes
+from torchlinf.scoring.last_read import read_once
 from torchlinf.scoring.readers import read_values
 from torchlinf.scoring.sources import Source
 from torchlinf.scoring.values import UnreadableMaskError, Values
@@ -42,7 +44,11 @@ Of a palette of colours the labels are the indices, and 0 is outside. A colour i
 COCO panoptic, and black is outside; a threshold goes by the brightest of the three. Transparent pixels are black; where
 that leaves one colour, the opacity itself is the mask. NaN, the nodata value of a GeoTIFF, and what --ignore names are
 outside, also with --invert. Of a GIF the first frame is read. Arrays are (H, W), or with 1, 3 or 4 channels as the last
-axis; three axes (N, H, W), and a TIFF of several pages, need --stack or --volume."""
+axis; three axes (N, H, W), and a TIFF of several pages, need --stack or --volume. NIfTI is a volume by nature, and one
+of several volumes needs --stack; where its voxels are no cubes, it is brought to cubes first (--spacing)."""
+
+SPACINGS = ("header", "pixels")
+EXCEPT = " except "  # in the column `inside`, before what --ignore names
 
 
 @dataclass(frozen=True)
@@ -59,6 +65,9 @@ class Reading:
         volume: arrays of three axes, and TIFFs of several pages, are volumes (D, H, W).
         labels: every label is a mask of its own.
         stack: arrays of three axes, and TIFFs of several pages, are masks (N, H, W).
+        spacing: size of a pixel along each axis, or "header" for what the file says, or "pixels" for none; None takes
+            that of NIfTI and no other.
+        voxel: size of the cubes that masks with a spacing are brought to; None takes the finest of the spacing.
     """
 
     threshold: float | None = None
@@ -70,6 +79,8 @@ class Reading:
     volume: bool = False
     labels: bool = False
     stack: bool = False
+    spacing: str | Sequence[float] | None = None
+    voxel: float | None = None
 
     def __post_init__(self) -> None:
         """Check the options."""
@@ -91,6 +102,19 @@ class Reading:
             raise ValueError("three axes are a volume or a stack; got volume and stack. Pass one of them.")
         if self.labels and self.invert:
             raise ValueError("labels cannot be inverted: the outside of a label has no name. Pass label and invert.")
+        if isinstance(self.spacing, str):
+            if self.spacing not in SPACINGS:
+                raise ValueError(
+                    f"spacing must be numbers, 'header' or 'pixels'; got {self.spacing!r}. Pass for example (2, 1, 1)."
+                )
+        elif self.spacing is not None:
+            from torchlinf.measure import checked_spacing  # it needs torch, and the help of the command does not
+
+            object.__setattr__(self, "spacing", checked_spacing(self.spacing))
+        if self.voxel is not None:
+            object.__setattr__(self, "voxel", positive(self.voxel, "voxel"))
+            if self.spacing == "pixels":
+                raise ValueError("voxel needs a spacing; got voxel and spacing='pixels'. Leave one of them out.")
 
     @property
     def ignored(self) -> tuple[int, ...]:
@@ -107,6 +131,8 @@ class Found(NamedTuple):
         rule: what is inside, in words.
         label: which label, None if the mask is not of one.
         shape: of the whole image; `inside` may be a part of it that holds all of the label.
+        origin: where in the image that part begins, one number an axis; empty if `inside` is the whole image.
+        spacing: size of a pixel along each axis, if the mask is to be measured by it; None if in pixels.
     """
 
     suffix: str
@@ -114,6 +140,8 @@ class Found(NamedTuple):
     rule: str
     label: int | None
     shape: tuple[int, ...]
+    origin: tuple[int, ...] = ()
+    spacing: tuple[float, ...] | None = None
 
 
 def read_mask(
@@ -131,7 +159,7 @@ def read_mask(
     """Read one mask.
 
     Args:
-        path: a PNG, GIF, TIFF, BMP, JPEG, .npy or .npz file. Arrays are read without pickle.
+        path: an image, a NIfTI volume, an .npy or .npz file: one of `SUFFIXES`. Arrays are read without pickle.
         member: which array of an .npz archive, by name; None if it holds one only.
         threshold: inside is what is greater, in the file's own units.
         label: inside is what has this label.
@@ -166,8 +194,8 @@ def read_source(
     """Read one of the masks that `find_masks` found.
 
     Args:
-        source: the mask. Outlines of COCO files are masks already: they can be inverted, and all else does not concern
-            them.
+        source: the mask. Outlines of COCO and labelme files are masks already: they can be inverted, and all else does
+            not concern them.
         threshold: inside is what is greater, in the file's own units.
         label: inside is what has this label.
         nonzero: inside is what is not 0: all labels as one shape. Without these three, `RULE` says what is inside.
@@ -192,8 +220,14 @@ def read_inside(source: Source, reading: Reading) -> Found:
     return found
 
 
-def read_all(source: Source, reading: Reading) -> Iterator[Found]:
+def read_all(source: Source, reading: Reading, *, page: int | None = None, keep: bool = False) -> Iterator[Found]:
     """The masks of a source: one, or with `labels` and `stack` any number.
+
+    Args:
+        source: the mask, or what holds them.
+        reading: how.
+        page: of a stack this mask alone.
+        keep: whether to keep the file's numbers until another file is read so: for many calls with one file.
 
     Raises:
         UnreadableMaskError: as `read_source`; from the iterator.
@@ -201,30 +235,98 @@ def read_all(source: Source, reading: Reading) -> Iterator[Found]:
     if source.error:
         raise UnreadableMaskError(source.error)
     data = source.data
-    if isinstance(data, Outline):
-        inside = draw(data, reading.max_pixels)
-        yield Found("", ~inside if reading.invert else inside, "outline", None, inside.shape)
-        return
-    if isinstance(data, Segment):
-        values = read_values(data.picture, None, reading.max_pixels)
-        inside = _labels(values) == data.label
-        yield Found("", ~inside if reading.invert else inside, f"label {data.label}", data.label, inside.shape)
+    if isinstance(data, Outline | Drawing | Segment):
+        if isinstance(data, Segment):
+            inside = _labels(read_once(data.picture, None, reading.max_pixels)) == data.label
+            label = data.label
+        else:
+            draw_it: Any = draw if isinstance(data, Outline) else draw_shapes
+            inside, label = draw_it(data, reading.max_pixels), None
+        rule = "outline" if label is None else f"label {label}"
+        if reading.invert:
+            inside, rule = ~inside, f"not {rule}"
+        sizes = _sizes(None, False, inside.ndim, reading)
+        yield Found("", inside, rule, label, inside.shape, spacing=sizes)
         return
     if isinstance(data, InMemory):
         values, is_volume = values_in_memory(data, reading.max_pixels), data.spatial_ndim == 3
     else:
-        values, is_volume = read_values(source.path, source.member, reading.max_pixels, data, reading.volume), False
-    if values.array.ndim == 3 and not (reading.volume or is_volume):
-        if not reading.stack:
-            raise UnreadableMaskError(
-                f"three axes, {values.array.shape}: pass --stack if these are {len(values.array)} masks, or --volume "
-                "if they are the slices of one"
-            )
-        for page in range(len(values.array)):
-            for found in _masks(values.page(page), reading):
-                yield found._replace(suffix=f"[{page}]{found.suffix}")
+        read = read_once if keep else read_values
+        values, is_volume = read(source.path, source.member, reading.max_pixels, data, reading.volume), False
+    for suffix, numbers in _pages(values, reading, 3 if reading.volume or is_volume else 2, page):
+        sizes = _sizes(numbers.spacing, numbers.is_to_scale, numbers.array.ndim, reading)
+        for found in _masks(numbers, reading):
+            yield found._replace(suffix=suffix + found.suffix, spacing=sizes)
+
+
+def read_measured(source: Source, reading: Reading) -> NDArray[np.bool_]:
+    """The mask of a source that holds one, as `read_inside`, in cubes if its pixels have a spacing."""
+    return in_cubes(read_inside(source, reading), reading)
+
+
+def in_cubes(found: Found, reading: Reading) -> NDArray[np.bool_]:
+    """A mask as it is measured: cut out and brought to cubes, if its pixels are none; else as it is.
+
+    Raises:
+        UnreadableMaskError: there would be too many cubes, or none is inside.
+    """
+    from torchlinf._helpers.boxes import bounding_box
+    from torchlinf.measure import cube_size, equal_spacing
+
+    inside = found.inside
+    if found.spacing is None or cube_size(found.spacing, reading.voxel) is None or not inside.any():
+        return inside
+    own = inside[bounding_box(inside)]
+    try:
+        cubes = equal_spacing(own, found.spacing, voxel=reading.voxel, max_pixels=reading.max_pixels)
+    except ValueError as error:
+        raise UnreadableMaskError(str(error)) from error
+    if not cubes.any():
+        raise UnreadableMaskError(f"nothing is left of the mask in cubes of {reading.voxel:g}; pass a smaller --voxel")
+    return cubes
+
+
+def _pages(
+    values: Values, reading: Reading, spatial_ndim: int, page: int | None = None
+) -> Iterator[tuple[str, Values]]:
+    """The numbers of each mask or map in a file, and what to add to the name of the source."""
+    array = values.array
+    if array.ndim <= (values.spatial_ndim or spatial_ndim):
+        yield "", values
         return
-    yield from _masks(values, reading)
+    if not reading.stack and page is None:
+        raise UnreadableMaskError(
+            f"{len(array)} volumes, {array.shape}: pass --stack for a row each"
+            if values.spatial_ndim == 3
+            else f"three axes, {array.shape}: pass --stack if these are {len(array)} masks, or --volume if they are "
+            "the slices of one"
+        )
+    if page is not None and page >= len(array):
+        raise UnreadableMaskError(f"the stack holds {len(array)} masks; got [{page}]")
+    for index in range(len(array)) if page is None else [page]:
+        yield f"[{index}]", values.page(index)
+
+
+def _sizes(
+    spacing: tuple[float, ...] | None, is_to_scale: bool, ndim: int, reading: Reading
+) -> tuple[float, ...] | None:
+    """The size of a pixel along each axis that a mask is to be measured by; None for the pixels as they are."""
+    if reading.spacing in (None, "pixels"):
+        sizes = spacing if is_to_scale and reading.spacing is None else None
+    elif reading.spacing == "header":
+        if spacing is None:
+            raise UnreadableMaskError("the file does not say how large its pixels are; pass --spacing with numbers")
+        sizes = spacing
+    else:
+        given = cast("tuple[float, ...]", reading.spacing)
+        sizes = given * ndim if len(given) == 1 else given
+        if len(sizes) != ndim:
+            raise UnreadableMaskError(
+                f"--spacing has {len(sizes)} numbers, and the mask {ndim} axes; pass one for each"
+            )
+    if reading.voxel is not None and sizes is None:
+        raise UnreadableMaskError("--voxel needs the size of a pixel; pass --spacing")
+    return sizes
 
 
 def _masks(values: Values, reading: Reading) -> Iterator[Found]:
@@ -237,6 +339,8 @@ def _masks(values: Values, reading: Reading) -> Iterator[Found]:
         inside, rule = ~inside, f"not {rule}"
     if valid is not None:
         inside &= valid
+    if reading.ignored and (reading.label is None or reading.invert):
+        rule += EXCEPT + ", ".join(map(str, reading.ignored))
     yield Found("", inside, rule, reading.label, inside.shape)
 
 
@@ -333,4 +437,5 @@ def _every_label(labels: NDArray[Any], valid: NDArray[np.bool_] | None) -> Itera
     if not boxes:
         yield Found("", np.zeros(labels.shape, dtype=np.bool_), "no label", None, labels.shape)
     for number, (name, box) in enumerate(zip(names.tolist(), boxes, strict=True), start=1):
-        yield Found(f"#{name}", numbered[box] == number, f"label {name}", name, labels.shape)
+        origin = tuple(side.start for side in box)
+        yield Found(f"#{name}", numbered[box] == number, f"label {name}", name, labels.shape, origin)

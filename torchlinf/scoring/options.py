@@ -1,7 +1,7 @@
 """How masks are read and measured, as the functions that score files take it."""
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -44,10 +44,11 @@ class ScoreOptions:
     """How masks are read and measured.
 
     Attributes:
-        threshold, label, nonzero, ignore, invert, max_pixels, volume, labels, stack: as in `mask_rules.Reading`.
+        threshold, label, nonzero, ignore, invert, max_pixels, volume, labels, stack, spacing, voxel: as in
+            `mask_rules.Reading`.
         members: which members of tar archives are masks, as a pattern; None takes all with a suffix of a mask.
         measure: how complexity is measured.
-        reading: the first nine as one object.
+        reading: the first eleven as one object.
     """
 
     threshold: float | None = None
@@ -61,10 +62,13 @@ class ScoreOptions:
     volume: bool = False
     labels: bool = False
     stack: bool = False
+    spacing: str | Sequence[float] | None = None
+    voxel: float | None = None
 
     def __post_init__(self) -> None:
         """Check what is not checked by `Measure`."""
-        object.__setattr__(self, "ignore", self.reading.ignore)
+        for name in ("ignore", "spacing", "voxel"):
+            object.__setattr__(self, name, getattr(self.reading, name))
 
     def settings(self) -> str:
         """All options as one line of JSON."""

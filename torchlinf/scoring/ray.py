@@ -57,6 +57,10 @@ class ScoreMasks:
         volume: arrays of three axes, and TIFFs of several pages, are volumes (D, H, W).
         labels: a row for each label of a map but 0, named with the label behind: "map.png#15".
         stack: arrays of three axes, and TIFFs of several pages, are masks (N, H, W), each with a row: "stack.npy[0]".
+        spacing: size of a pixel along each axis, depth first, or "header" for what the file says, or "pixels" for none;
+            None takes that of NIfTI and no other. A mask of oblong pixels is brought to cubes before it is measured:
+            see `torchlinf.equal_spacing`.
+        voxel: size of the cubes, in the same unit; None takes the finest of the spacing.
         spatial_ndim: dimensions of an array, 2 or 3, but for axes of length 1 before and behind them. Images with
             colours, (H, W, 3), are so told from volumes.
         {measure options}
@@ -93,6 +97,8 @@ class ScoreMasks:
         volume: bool = False,
         labels: bool = False,
         stack: bool = False,
+        spacing: str | Sequence[float] | None = None,
+        voxel: float | None = None,
         spatial_ndim: int = 2,
         **options: Unpack[MeasureOptions],
     ) -> None:
@@ -100,8 +106,9 @@ class ScoreMasks:
             raise ValueError(f"spatial_ndim must be 2 or 3; got {spatial_ndim!r}. Pass 3 for volumes (D, H, W).")
         self.column, self.name, self.spatial_ndim = column, name, spatial_ndim
         self.options = ScoreOptions(
-            threshold, invert, max_pixels, None, score_measure(options), label, nonzero, ignore, volume, labels, stack
-        )
+            threshold, invert, max_pixels, None, score_measure(options), label, nonzero, ignore, volume, labels, stack,
+            spacing, voxel,
+        )  # fmt: skip
 
     def __call__(self, batch: "Mapping[str, NDArray[Any]] | pyarrow.Table") -> "pyarrow.Table":
         """Score a batch; see the class."""
@@ -145,6 +152,8 @@ def score_shards(
     volume: bool = False,
     labels: bool = False,
     stack: bool = False,
+    spacing: str | Sequence[float] | None = None,
+    voxel: float | None = None,
     members: str | None = None,
     map_options: Mapping[str, Any] | None = None,
     **options: Unpack[MeasureOptions],
@@ -170,6 +179,10 @@ def score_shards(
         volume: arrays of three axes, and TIFFs of several pages, are volumes (D, H, W).
         labels: a row for each label of a map but 0, named with the label behind: "map.png#15".
         stack: arrays of three axes, and TIFFs of several pages, are masks (N, H, W), each with a row: "stack.npy[0]".
+        spacing: size of a pixel along each axis, depth first, or "header" for what the file says, or "pixels" for none;
+            None takes that of NIfTI and no other. A mask of oblong pixels is brought to cubes before it is measured:
+            see `torchlinf.equal_spacing`.
+        voxel: size of the cubes, in the same unit; None takes the finest of the spacing.
         members: which members of tar archives are masks, as a pattern such as `*.mask.png`; None takes all with a
             suffix of a mask.
         map_options: keywords for `Dataset.map` of Ray Data, such as `num_cpus` (1), `memory` (bytes) or `concurrency`.
@@ -188,7 +201,7 @@ def score_shards(
     ray_data = _require_ray().data
     folder, measure = Path(out).absolute(), score_measure(options)
     chosen = ScoreOptions(
-        threshold, invert, max_pixels, members, measure, label, nonzero, ignore, volume, labels, stack
+        threshold, invert, max_pixels, members, measure, label, nonzero, ignore, volume, labels, stack, spacing, voxel
     )
     open_folder(folder, shards, chosen)
     missing = []

@@ -3,16 +3,24 @@
 Everything is judged by its header before memory is taken for it: a few hundred bytes can claim to be a terabyte.
 """
 
+import os
 import stat
 import zipfile
-from pathlib import Path, PurePosixPath
+import zlib
+from importlib.metadata import version
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torchlinf.scoring.byte_ranges import ByteRange, open_range
-from torchlinf.scoring.open_image import open_image
+from torchlinf._helpers.extras import require
+from torchlinf.scoring.byte_ranges import ByteRange, PackedRange, open_part
+from torchlinf.scoring.names import ARRAY_SUFFIXES, NIFTI_SUFFIXES, SUFFIXES, suffix_of
+from torchlinf.scoring.netpbm import BEGINNINGS as NETPBM_BEGINNINGS
+from torchlinf.scoring.netpbm import read_netpbm
+from torchlinf.scoring.nifti import is_nifti, read_nifti
+from torchlinf.scoring.open_image import PILLOW_FORMATS, open_image
 from torchlinf.scoring.tiff import read_tiff
 from torchlinf.scoring.values import (
     UnreadableMaskError,
@@ -26,20 +34,17 @@ from torchlinf.scoring.values import (
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-IMAGE_SUFFIXES = (".png", ".gif", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
-ARRAY_SUFFIXES = (".npy", ".npz")
-SUFFIXES = IMAGE_SUFFIXES + ARRAY_SUFFIXES
-
-# Pillow tries every format it knows unless told otherwise; files from strangers should meet few decoders.
-PILLOW_FORMATS = ("PNG", "GIF", "BMP", "JPEG")
-
 TIFF_BEGINNINGS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # the last two are BigTIFF
 
 
 def read_values(
-    path: Path, member: str | None, max_pixels: int, byte_range: ByteRange | None = None, volume: bool = False
+    path: Path,
+    member: str | None,
+    max_pixels: int,
+    byte_range: ByteRange | PackedRange | None = None,
+    volume: bool = False,
 ) -> Values:
-    """Read an image, an .npy array or a member of an .npz archive.
+    """Read an image, a NIfTI volume, an .npy array or a member of an .npz archive.
 
     Args:
         path: the file.
@@ -59,12 +64,12 @@ def read_values(
         _require_regular(path)
         if byte_range is None:
             with path.open("rb") as file:
-                return parse_values(file, path.suffix, max_pixels, member, volume)
-        with open_range(path, byte_range) as part:
-            return parse_values(part, PurePosixPath(member or "").suffix, max_pixels, volume=volume)
+                return parse_values(file, suffix_of(path), max_pixels, member, volume)
+        with open_part(path, byte_range, max_pixels) as part:
+            return parse_values(part, suffix_of(member or ""), max_pixels, volume=volume)
     except UnreadableMaskError:
         raise
-    except OSError as error:
+    except (OSError, EOFError, zlib.error) as error:
         raise UnreadableMaskError(_in_words(error)) from error
 
 
@@ -73,12 +78,16 @@ def parse_values(
 ) -> Values:
     """Read an open file, which `suffix` says to be an image, an .npy array or an .npz archive; as `read_values`."""
     try:
-        if suffix.lower() in ARRAY_SUFFIXES:
+        if suffix in ARRAY_SUFFIXES:
             return values_of_array(_read_array(file, suffix, member, max_pixels), volume)
         beginning = file.read(4)
         file.seek(0)
+        if suffix in NIFTI_SUFFIXES or is_nifti(file):
+            return read_nifti(file, max_pixels)
         if beginning in TIFF_BEGINNINGS:
             return read_tiff(file, max_pixels)
+        if beginning[:2] in NETPBM_BEGINNINGS:
+            return read_netpbm(file, max_pixels)
         return _read_image(file, suffix, max_pixels)
     except UnreadableMaskError:
         raise
@@ -102,7 +111,7 @@ def _require_regular(path: Path) -> None:
 
 
 def _read_array(file: IO[bytes], suffix: str, member: str | None, max_pixels: int) -> NDArray[Any]:
-    if suffix.lower() == ".npy":
+    if suffix == ".npy":
         return _parse_npy(file, max_pixels)
     try:
         with zipfile.ZipFile(file) as archive:
@@ -140,15 +149,57 @@ def _read_image(file: IO[bytes], suffix: str, max_pixels: int) -> Values:
         with open_image(file, PILLOW_FORMATS) as image:
             require_size((image.height, image.width), max_pixels)
             if bits == 16 and is_coloured:
-                raise UnreadableMaskError(
-                    "16-bit colours in a PNG would lose half of their bits; save it as TIFF, or as 16-bit grey"
-                )
-            return _values_of_image(image, bits if image.mode == "L" and bits in (2, 4) else None)
+                return values_of_colours(_deep_png(file))
+            lossy = image.format in ("JPEG", "MPO", "AVIF") or (image.format == "WEBP" and _is_lossy_webp(file))
+            return _values_of_image(image, lossy, bits if image.mode == "L" and bits in (2, 4) else None)
     except UnidentifiedImageError as error:
-        if suffix.lower() in (".tif", ".tiff"):
+        if suffix in (".tif", ".tiff"):
             raise UnreadableMaskError("not a TIFF image, or a damaged one") from error
+        if (kind := _missing_decoder(file)) is not None:
+            raise UnreadableMaskError(
+                f"Pillow {version('pillow')} is installed without {kind}. Run: pip install --upgrade pillow"
+            ) from error
         known = ", ".join(suffix[1:] for suffix in SUFFIXES)
         raise UnreadableMaskError(f"not an image in a known format ({known})") from error
+
+
+def _missing_decoder(file: IO[bytes]) -> str | None:
+    """The format of an image that this Pillow was built without; None if that is not what is wrong."""
+    from PIL import Image, features
+
+    file.seek(0)
+    beginning = file.read(12)
+    found = {"WEBP": beginning[:4] + beginning[8:] == b"RIFFWEBP", "AVIF": beginning[4:11] == b"ftypavi"}
+    kind = next((kind for kind in found if found[kind]), None)
+    # Pillow before 11.3 has no AVIF.
+    return kind if kind is not None and not (kind in Image.OPEN and features.check(kind.lower())) else None
+
+
+def _is_lossy_webp(file: IO[bytes]) -> bool:
+    """Whether the first frame of a WebP is compressed by VP8, not VP8L; the file is where it was afterwards."""
+    place = file.tell()
+    file.seek(12)
+    lossy = True
+    while len(head := file.read(8)) == 8:
+        if head[:4] in (b"VP8 ", b"VP8L"):
+            lossy = head[:4] == b"VP8 "
+            break
+        size = int.from_bytes(head[4:], "little")
+        # A frame of an animation has a header of 16 bytes, then chunks of its own.
+        file.seek(16 if head[:4] == b"ANMF" else size + size % 2, os.SEEK_CUR)
+    file.seek(place)
+    return lossy
+
+
+def _deep_png(file: IO[bytes]) -> NDArray[Any]:
+    """The colours of a PNG with 16 bits a channel: Pillow drops the lower eight."""
+    try:
+        imagecodecs = require("imagecodecs", "reading a PNG with 16-bit colours", "codecs")
+    except ImportError as error:
+        raise UnreadableMaskError(f"{error}. Or save it as TIFF, or as 16-bit grey") from error
+    file.seek(0)
+    colours: NDArray[Any] = imagecodecs.png_decode(file.read())
+    return colours
 
 
 def _png_depth(file: IO[bytes]) -> tuple[int | None, bool]:
@@ -160,14 +211,14 @@ def _png_depth(file: IO[bytes]) -> tuple[int | None, bool]:
     return header[24], header[25] in (2, 4, 6)
 
 
-def _values_of_image(image: "Image", bits: int | None) -> Values:
+def _values_of_image(image: "Image", lossy: bool, bits: int | None) -> Values:
     """The numbers of an image that Pillow has opened.
 
     Args:
         image: its first frame is read.
+        lossy: whether its compression changes values.
         bits: of a pixel, where Pillow has scaled fewer than eight bits to eight.
     """
-    lossy = image.format in ("JPEG", "MPO")
     if image.mode == "P":
         indices = np.asarray(image)
         palette = np.array(image.getpalette("RGB"), dtype=np.uint8).reshape(-1, 3)

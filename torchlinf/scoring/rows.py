@@ -45,9 +45,27 @@ class Score:
         error_bound: how far any of `values` can be from that of the exact field, proven, in their unit.
         field_error_bound: certified relative error of the field.
         seconds: time taken to read and score the mask.
-        inside: which rule says what is inside: "nonzero", a threshold such as "> 127", "label 3", or "outline".
+        inside: which rule says what is inside: "nonzero", a threshold such as "> 127", "label 3", or "outline"; of an
+            inverted mask with "not " before it, and with what was ignored, as in "nonzero except 255".
+        spacing: the size of a pixel along each axis, and of the cubes that the mask was brought to before it was
+            measured, as "3 x 0.9 x 0.9 in cubes of 0.9"; None if the pixels were measured as they are. `radius`,
+            `peak_scale` and the complexity are then those of the cubes.
         label: the label that the mask is of, if every label of a map has a row.
-        category: of an annotation in a COCO file, its category: the name if the file has one, else the id.
+        object: the number of the object in its mask, from 1, if every object has a row; then all other numbers of the
+            row but `height`, `width` and `depth` are those of the object.
+        objects: how many objects the mask has, if its numbers are pooled from those of its objects.
+        top: first row of the object in the image; this and the next five are None where a row is not one of an object.
+        bottom: the row behind its last one.
+        left: its first column.
+        right: the column behind its last one.
+        front: its first page; None in 2-D.
+        back: the page behind its last one; None in 2-D.
+        angle: degrees by which the shape was turned before it was measured, counter-clockwise; None where it was
+            measured along the axes of the image, turned by a matrix, or has several parts.
+        standard_error: how far any of `values` would vary if other rotations were taken, the largest standard error;
+            None unless `orientation="mean"`.
+        category: of an annotation in a COCO file, its category: the name if the file has one, else the id; the label in
+            a labelme file.
         image: of an annotation in a COCO file, its image: the file name if the file has one, else the id.
         error: what went wrong, in words; None if nothing did.
         version: the version of torchlinf that scored the mask.
@@ -68,7 +86,18 @@ class Score:
     field_error_bound: float | None = None
     seconds: float | None = None
     inside: str | None = None
+    spacing: str | None = None
     label: int | None = None
+    object: int | None = None
+    objects: int | None = None
+    top: int | None = None
+    bottom: int | None = None
+    left: int | None = None
+    right: int | None = None
+    front: int | None = None
+    back: int | None = None
+    angle: float | None = None
+    standard_error: float | None = None
     category: str | None = None
     image: str | None = None
     error: str | None = None

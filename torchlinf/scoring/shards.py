@@ -8,6 +8,7 @@ import os
 import platform
 import re
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from hashlib import blake2b
@@ -18,10 +19,9 @@ from torchlinf.scoring.atomic_write import replace_file
 from torchlinf.scoring.options import ScoreOptions
 from torchlinf.scoring.rows import Score
 from torchlinf.scoring.score import blank_row, score_groups
-from torchlinf.scoring.sources import AnyPath, Source, find_files, open_file
+from torchlinf.scoring.sources import AnyPath, Source, find_files, is_archive, open_file
 from torchlinf.scoring.tables import write_table
 
-ARCHIVES = (".tar", ".json")
 FILES = 1000  # single files in a shard
 LOST = 5  # workers that a shard may cost in one run: Ray Data would go on for ever
 RUN = re.compile(r"files-[0-9a-f]+\.parquet$")  # parts of single files
@@ -52,7 +52,7 @@ class Shard:
     @property
     def is_archive(self) -> bool:
         """Whether it is an archive, not files."""
-        return self.files[0].path.suffix.lower() in ARCHIVES
+        return is_archive(self.files[0].path)
 
 
 @dataclass(frozen=True)
@@ -72,12 +72,15 @@ class Part:
     seconds: float = 0.0
 
 
-def find_shards(paths: AnyPath | Iterable[AnyPath], *, files: int = FILES) -> list[Shard]:
+def find_shards(
+    paths: AnyPath | Iterable[AnyPath], *, files: int = FILES, passed_over: Counter[str] | None = None
+) -> list[Shard]:
     """Find what there is to score, in pieces for workers. No file is opened.
 
     Args:
         paths: one path, or several: files, folders and patterns, as in `find_masks`.
-        files: how many single files make a shard. A tar archive or a COCO file is one shard, whatever it holds.
+        files: how many single files make a shard. A tar archive or a .json file is one shard, whatever it holds.
+        passed_over: takes the count of what folders hold beside masks, as in `find_masks`.
 
     Returns:
         Shards, each once.
@@ -91,8 +94,8 @@ def find_shards(paths: AnyPath | Iterable[AnyPath], *, files: int = FILES) -> li
     folder = os.getcwd()
     archives: list[Source] = []
     single: list[Source] = []
-    for file in {file.name: file for file in find_files(paths)}.values():
-        (archives if file.path.suffix.lower() in ARCHIVES else single).append(file)
+    for file in {file.name: file for file in find_files(paths, passed_over=passed_over)}.values():
+        (archives if is_archive(file.path) else single).append(file)
     runs = [(file,) for file in archives] + [tuple(single[i : i + files]) for i in range(0, len(single), files)]
     return list({shard.part: shard for shard in (Shard(run, folder) for run in runs)}.values())
 

@@ -4,6 +4,7 @@ What tifffile cannot decompress without imagecodecs, such as LZW and JPEG, Pillo
 the numbers comes from the file's tags all the same.
 """
 
+import re
 from dataclasses import replace
 from typing import IO, Any
 
@@ -19,7 +20,7 @@ from torchlinf.scoring.values import (
     values_of_palette,
 )
 
-GDAL_NODATA = 42113
+GDAL_NODATA, GEO_PIXEL_SCALE = 42113, 33550
 MIN_IS_WHITE, RGB, PALETTE, YCBCR = 0, 2, 3, 6
 LOSSY = (6, 7)  # JPEG, old and new
 
@@ -51,7 +52,8 @@ def read_tiff(file: IO[bytes], max_pixels: int) -> Values:
                 index = [page.index for page in pages]
                 arrays = [_decode(file, page, number) for page, number in zip(pages, index, strict=True)]
                 array = np.stack(arrays) if len(arrays) > 1 else arrays[0]
-            return _values(array, first)
+            values = _values(array, first)
+            return replace(values, spacing=_spacing(tiff, first, values.array.ndim))
     except tifffile.TiffFileError as error:
         raise UnreadableMaskError(f"not a TIFF image, or a damaged one ({error})") from error
 
@@ -69,7 +71,10 @@ def _decode_by_pillow(file: IO[bytes], page: Any, index: int, cause: Exception) 
     from PIL import Image, TiffImagePlugin, UnidentifiedImageError
 
     file.seek(0)
-    refusal = UnreadableMaskError(f"its compression needs imagecodecs: pip install imagecodecs ({cause})")
+    refusal = UnreadableMaskError(
+        f"its compression needs imagecodecs, which is not installed or cannot do it ({cause}). Run: pip install "
+        "'torchlinf[codecs]'"
+    )
     try:
         image = TiffImagePlugin.TiffImageFile(file)
     except (UnidentifiedImageError, SyntaxError):
@@ -123,3 +128,28 @@ def _valid(array: NDArray[Any], page: Any) -> NDArray[np.bool_] | None:
     except ValueError:
         return None
     return None if nodata is None or nodata != nodata else array != nodata
+
+
+def _spacing(tiff: Any, page: Any, ndim: int) -> tuple[float, ...] | None:
+    """The size of a pixel along the last axes, depth first, by the tags of OME, ImageJ, GeoTIFF or TIFF."""
+    tags = page.tags
+    sizes: list[Any] = [None, *(_per_unit(tags.get(name)) for name in ("YResolution", "XResolution"))]
+    if tiff.is_ome:
+        found = dict(re.findall(r'PhysicalSize([XYZ](?:Unit)?)="([^"]*)"', tiff.ome_metadata))
+        units = {found.get(f"{axis}Unit", "\N{MICRO SIGN}m") for axis in "XYZ" if axis in found}
+        sizes = [found.get(axis) if len(units) == 1 else None for axis in "ZYX"]
+    elif tiff.is_imagej:
+        sizes[0] = (tiff.imagej_metadata or {}).get("spacing")
+    elif (scale := tags.get(GEO_PIXEL_SCALE)) is not None:
+        sizes = [None, *reversed(scale.value[:2])]
+    try:
+        known = tuple(float(size) for size in sizes[-min(ndim, 3) :])
+    except (TypeError, ValueError):
+        return None
+    return known if all(0 < size < np.inf for size in known) else None
+
+
+def _per_unit(tag: Any) -> float | None:
+    """The size of a pixel by a tag of pixels to a unit."""
+    pixels, units = (0, 1) if tag is None else tag.value
+    return units / pixels if pixels else None

@@ -27,6 +27,9 @@ class Values:
         is_rgb: whether `ids` are colours, not the indices of a palette.
         valid: which pixels hold data; None if all do.
         top: the number that is white, if it is not the largest one of the type.
+        spatial_ndim: axes of one mask, where the format says it; None if three axes may be a volume or a stack.
+        spacing: size of a pixel along the last axes, in the file's unit; None if the file does not say it.
+        is_to_scale: whether `spacing` is meant to be used, as it is in medical images; resolutions of pictures are not.
     """
 
     array: NDArray[Any]
@@ -36,11 +39,15 @@ class Values:
     is_rgb: bool = False
     valid: NDArray[np.bool_] | None = None
     top: int | None = None
+    spatial_ndim: int | None = None
+    spacing: tuple[float, ...] | None = None
+    is_to_scale: bool = False
 
     def page(self, index: int) -> "Values":
         """One page of a stack."""
         ids, valid = (None if one is None else one[index] for one in (self.ids, self.valid))
-        return replace(self, array=self.array[index], ids=ids, valid=valid)
+        spacing = None if self.spacing is None else self.spacing[-(self.array.ndim - 1) :]
+        return replace(self, array=self.array[index], ids=ids, valid=valid, spacing=spacing)
 
 
 def require_size(shape: tuple[int, ...], max_pixels: int) -> None:

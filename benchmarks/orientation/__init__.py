@@ -1,0 +1,1 @@
+"""How much noise a mask gets by being turned into its own frame, and what other ways of turning it would give."""
