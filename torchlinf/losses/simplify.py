@@ -24,16 +24,15 @@ from torchlinf.measure import Measure, SolvedShape, WindowOptions, mean_of_level
 
 __all__ = ["Simplification", "simplify"]
 
-PROMISE = (
-    0.5  # bits that are expected of a region, times the root of its share of the area: only the order depends on it
-)
+# Bits that are expected of a region, times the root of its share of the area: only the order of trying depends on it.
+PROMISE = 0.5
 ANY_NUMBER = 1 << 30
 LOOKED_AT = 1000  # groups of regions that are looked at until enough of them keep the topology
 CERTAIN = 16.0  # log-odds beyond which a prediction is not told apart from certainty, as float32 does not
 STEPS = 2.0**20  # prices are rounded to 1 / STEPS, so that their sums do not depend on the order of pixels
 EQUAL = 1e-9  # bits; what differs by less is equal, and what gains less does not pay
 MARGIN = 16  # pixels that a shape may grow beyond its box, and an object beyond itself
-SCOPES = ("shape", "object")
+SCOPES = ("mask", "object")
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ def simplify(
     tries: int = 32,
     max_change: float = 0.5,
     keep_topology: bool = False,
-    per: Literal["shape", "object"] = "shape",
+    per: Literal["mask", "object"] = "mask",
     spatial_ndim: int | None = None,
     **options: Unpack[WindowOptions],
 ) -> Simplification:
@@ -90,8 +89,7 @@ def simplify(
         prediction: (B, C, *spatial) with 1 to 4 spatial dimensions, each (b, c) one shape: probabilities in [0, 1], for
             example `torch.sigmoid(logits)`; or a mask, bool or integers of 0 and 1, where each pixel that is changed
             costs 1. Log-odds count up to 16.
-        weight: price of log-odds against bits, 0 or more. On held-out predictions of floor plans 10 was good, on
-            windows of facades 3.
+        weight: price of log-odds against bits, 0 or more. Choose it on held-out images.
         threshold: a pixel is inside if its probability is greater; in (0, 1).
         max_flips: how many flips a shape (object) may have.
         tries: regions that are solved before the best is flipped, and that have to be tried in vain for an end: with
@@ -101,7 +99,7 @@ def simplify(
         keep_topology: if True, only flips that consist of simple flips of pixels are made: components (joined through
             faces and corners), holes (joined through faces) and how they lie in each other stay the same. In 1-D and
             2-D only.
-        per: "shape", or "object": each component (joined through faces and corners) is simplified alone, by its own
+        per: "mask", or "object": each component (joined through faces and corners) is simplified alone, by its own
             complexity, and never touches another one; it grows by at most 16 pixels.
         spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
         {measure options}
