@@ -134,6 +134,7 @@ def test_other_columns() -> None:
     assert set(numeric_columns([])) == set(COLUMNS) - {
         "path",
         "inside",
+        "spacing",
         "category",
         "image",
         "error",

@@ -238,7 +238,8 @@ def small_disk(tmp_path: Path) -> Iterator[tuple[Path, Callable[[int], None]]]:
 
 @pytest.mark.parametrize(
     ("name", "free", "masks"),
-    [("scores.csv", 20, 75), ("scores.csv", 52, 60), ("scores.parquet", 52, 70)],  # KiB; the last two: at the end only
+    # KiB; the last two: full at the end only
+    [("scores.csv", 20, 75), ("scores.csv", 52, 80), ("scores.parquet", 52, 82)],
 )
 def test_a_full_disk(
     name: str,
@@ -250,7 +251,7 @@ def test_a_full_disk(
 ) -> None:
     disk, enlarge = small_disk
     row = Score("", values=dict.fromkeys(WINDOWS, 0.5), measure=Measure(windows=WINDOWS).settings())
-    monkeypatch.setattr("torchlinf.scoring.score._numbers", lambda inside, *_: replace(row, pixels=int(inside.sum())))
+    monkeypatch.setattr("torchlinf.scoring.score._numbers", lambda inside, *_: [replace(row, pixels=int(inside.sum()))])
     for path in list(many.iterdir())[masks:]:
         path.unlink()
     (disk / "ballast").write_bytes(bytes(1024 * (64 - free)))
