@@ -122,12 +122,17 @@ class Journal:
 
 
 def _line(rows: Sequence[Score], instead_of: Sequence[str]) -> str:
-    # Most rows use few of the columns; without the others a journal is half as long.
-    cells = [
-        {name: cell for name, cell in row.cells().items() if cell is not None or name not in KINDS} for row in rows
-    ]
+    cells = [_filled_cells(row) for row in rows]
     alone = len(rows) == 1 and not instead_of
     return json.dumps(cells[0] if alone else {"rows": cells, "instead_of": list(instead_of)}, allow_nan=False) + "\n"
+
+
+def _filled_cells(row: Score) -> dict[str, Any]:
+    """The cells that hold something, and those of the windows, which tell a row: most rows use few of the columns."""
+    cells = row.cells()
+    if not row.values:
+        return cells
+    return {name: cell for name, cell in cells.items() if cell is not None or name not in KINDS}
 
 
 def _group(cells: Any) -> Group:
