@@ -11,7 +11,7 @@ import torchlinf
 from torchlinf._helpers.boxes import bounding_box
 from torchlinf.kernels.outlines import draw, hull, polygons, sides, straight, trace
 from torchlinf.measure import own_angle, smallest_rectangle, turned
-from torchlinf.measure.frames import centred_grid
+from torchlinf.measure.frames import centred_grid, in_own_frame
 
 Mask = NDArray[np.bool_]
 
@@ -304,3 +304,10 @@ def test_volumes_are_turned_by_a_matrix() -> None:
     back = turned(there, turn_about(2, -25.0))
     assert np.abs(np.subtract(back.shape, box.shape)).max() <= 2
     assert back.sum() == pytest.approx(box.sum(), rel=0.05)
+
+
+def test_both_at_once_are_one_after_the_other() -> None:
+    for mask in [*random_masks(30, 5), rectangle(30, 18, 31.0), np.ones((3, 4), dtype=bool)]:
+        found, angle = in_own_frame(mask)
+        assert angle == own_angle(mask)
+        np.testing.assert_array_equal(found, turned(mask, angle))

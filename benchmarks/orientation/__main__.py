@@ -6,7 +6,7 @@ TORCHLINF_MPEG7; without one its tables are left out. shapely, and geopandas for
 
 import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -16,7 +16,7 @@ import torchlinf
 from benchmarks.orientation import outlines
 from benchmarks.orientation.outlines import Drawn, Mask
 from benchmarks.orientation.ways import WAYS, Way
-from torchlinf.measure import own_angle, smallest_rectangle, turned
+from torchlinf.measure import MeanOptions, Measure, own_angle, ragged_profile, smallest_rectangle, turned
 
 ANGLES = (7.0, 20.0, 33.0, 45.0, 71.0)
 SLOW = "majority of 9 x 9 (area)"  # minutes on large masks, and no better than 5 x 5
@@ -182,26 +182,34 @@ def _placed(mask: Mask, size: Sequence[int], move: tuple[int, int]) -> Mask:
 
 
 def cost(side: int, rounds: int = 5) -> None:
-    """Time of a score in the own frame over that of a plain score, one thread, in turn."""
+    """Processor time of scores in the own frame over that of plain ones, in turn: a call for each mask, one for all."""
     masks = [outlines.shrunk(mask, side) for mask in outlines.silhouettes()]
     if not masks:
         return
-    own: Callable[[Mask], object] = lambda mask: bits(turned(mask, own_angle(mask)))  # noqa: E731
-    for mask in masks:
-        own(mask), bits(mask)
-    ratios, frames = [], []
-    for _ in range(rounds):
-        spent = []
-        for call in (bits, own, lambda mask: turned(mask, own_angle(mask))):
-            start = time.process_time()
-            for mask in masks:
-                call(mask)
-            spent.append(time.process_time() - start)
-        ratios.append(spent[1] / spent[0])
-        frames.append(spent[2] / spent[0])
-    print(f"\nOwn frame over plain score, {len(masks)} silhouettes of {side} pixels: median {np.median(ratios):.2f} ")
-    print(f"(least {min(ratios):.2f}, most {max(ratios):.2f}); own_angle and turned alone {np.median(frames):.2f}, ")
-    print(f"{spent[2] / len(masks) * 1e3:.2f} ms a mask")
+    tensors = [torch.from_numpy(np.ascontiguousarray(mask)) for mask in masks]
+    plain, own = Measure(), Measure(orientation="own")
+
+    def one_by_one(measure: Measure) -> None:
+        for mask in tensors:
+            torchlinf.complexity(mask, spatial_ndim=2, **measure.options(MeanOptions))
+
+    def at_once(measure: Measure) -> None:
+        ragged_profile(masks.__getitem__, len(masks), measure)
+
+    for name, score in (("a call for each", one_by_one), ("one call", at_once)):
+        ratios, most = [], 0.0
+        score(own)
+        for _ in range(rounds):
+            spent = []
+            for measure in (plain, own):
+                start = time.process_time()
+                score(measure)
+                spent.append(time.process_time() - start)
+            ratios.append(spent[1] / spent[0])
+            most = max(most, (spent[1] - spent[0]) / len(masks) * 1e3)
+        print(f"Own frame over plain score, {len(masks)} silhouettes of {side} pixels, {name}: median ")
+        print(f"{np.median(ratios):.2f} (least {min(ratios):.2f}, most {max(ratios):.2f}); ")
+        print(f"at most {most:.2f} ms a mask more")
 
 
 def main() -> None:

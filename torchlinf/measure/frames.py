@@ -114,11 +114,29 @@ def own_angle(mask: NDArray[np.bool_]) -> float:
         (0.0, 45.0)
     """
     mask = mask[bounding_box(mask)]
+    return 0.0 if mask.all() else _Outlined(mask).own_angle()
+
+
+def in_own_frame(mask: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], float]:
+    """`turned(mask, own_angle(mask))` and `own_angle(mask)`, with the outline traced once.
+
+    Args:
+        mask: (rows, columns) bool.
+
+    Returns:
+        The turned shape, cropped, and degrees.
+
+    Example:
+        >>> in_own_frame(np.eye(4, dtype=bool))[1]
+        45.0
+    """
+    mask = mask[bounding_box(mask)]
     if mask.all():
-        return 0.0
-    mask, _, mirrored = _representative(mask)
-    angle = _own_angle(mask)
-    return -angle if mirrored and angle != 45.0 else angle
+        return mask.copy(), 0.0
+    outlined = _Outlined(mask)
+    angle = outlined.own_angle()
+    found = outlined.turned(angle)
+    return np.ascontiguousarray(found[bounding_box(found)]), angle
 
 
 def turned(mask: NDArray[np.bool_], turn: float | ArrayLike) -> NDArray[np.bool_]:
@@ -151,8 +169,7 @@ def turned(mask: NDArray[np.bool_], turn: float | ArrayLike) -> NDArray[np.bool_
         found = _turned_volume(mask, np.asarray(turn, dtype=np.float64))
     else:
         degrees = float(turn)  # type: ignore[arg-type]
-        quarters = math.floor(degrees / 90 + 0.5)
-        found = np.rot90(_turned_plane(mask, degrees - 90 * quarters), quarters)
+        found = np.rot90(mask, round(degrees / 90)) if degrees % 90 == 0 else _Outlined(mask).turned(degrees)
     return np.ascontiguousarray(found[bounding_box(found)])
 
 
@@ -177,10 +194,43 @@ def centred_grid(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[N
     return (low + high - size) / 2, [int(n) for n in size]
 
 
-def _own_angle(mask: NDArray[np.bool_]) -> float:
-    from torchlinf.kernels.outlines import polygons, sides
+class _Outlined:
+    """A cropped mask, not all of it inside or outside, and the straight sides of its outline."""
 
-    outlines = sides(np.pad(mask, 1))
+    def __init__(self, mask: NDArray[np.bool_]) -> None:
+        from torchlinf.kernels.outlines import sides
+
+        self._mask = mask
+        image, self._quarters, self._mirrored = _representative(mask)
+        self._sides = sides(np.pad(image, 1))
+
+    def own_angle(self) -> float:
+        """The turn that puts the mask into its own frame; see the function of this name."""
+        angle = _own_angle(self._sides)
+        return -angle if self._mirrored and angle != 45.0 else angle
+
+    def turned(self, degrees: float) -> NDArray[np.bool_]:
+        """The mask drawn anew, turned."""
+        from torchlinf.kernels.outlines import draw, polygons
+
+        quarters = math.floor(degrees / 90 + 0.5)
+        degrees -= 90 * quarters  # from -45 on, below 45
+        if degrees == 0 or self._mask.size == 1:
+            return np.rot90(self._mask, quarters)
+        angle = math.radians(-degrees if self._mirrored else degrees)
+        corners, begin = polygons(*self._sides, angle, _SLACK)
+        start, size = centred_grid(corners.min(axis=0), corners.max(axis=0))
+        found = draw(corners - start, begin, *size)
+        if not found.any():  # thinner than a pixel everywhere
+            found = np.ones((1, 1), dtype=np.bool_)
+        found = np.rot90(found, -self._quarters)
+        return np.rot90(found[:, ::-1] if self._mirrored else found, quarters)
+
+
+def _own_angle(outlines: tuple[NDArray[np.float64], ...]) -> float:
+    """The angle of the smallest rectangle around straight sides, moved to suit most of them."""
+    from torchlinf.kernels.outlines import polygons
+
     found = smallest_rectangle(polygons(*outlines, 0.0, _NEVER)[0])
     if not found.saves:
         return 0.0
@@ -201,23 +251,6 @@ def _own_angle(mask: NDArray[np.bool_]) -> float:
         moved = float(np.clip(0.0, ends[best], ends[best + 1]))
     angle = round(found.angle - moved, 9) + 0.0  # the rest is rounding
     return angle - 90 if angle > 45 else angle + 90 if angle <= -45 else angle
-
-
-def _turned_plane(mask: NDArray[np.bool_], degrees: float) -> NDArray[np.bool_]:
-    """A mask turned by less than 45 degrees or by -45."""
-    from torchlinf.kernels.outlines import draw, polygons, sides
-
-    if degrees == 0 or mask.size == 1:
-        return mask
-    mask, quarters, mirrored = _representative(mask)
-    angle = math.radians(-degrees if mirrored else degrees)
-    corners, begin = polygons(*sides(np.pad(mask, 1)), angle, _SLACK)
-    start, size = centred_grid(corners.min(axis=0), corners.max(axis=0))
-    found = draw(corners - start, begin, *size)
-    if not found.any():  # thinner than a pixel everywhere
-        found = np.ones((1, 1), dtype=np.bool_)
-    found = np.rot90(found, -quarters)
-    return found[:, ::-1] if mirrored else found
 
 
 def _turned_volume(mask: NDArray[np.bool_], rotation: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -17,7 +17,7 @@ from torch import Tensor
 from torchlinf._helpers.boxes import bounding_box
 from torchlinf._helpers.checks import positive_tensor
 from torchlinf.kernels import has_compiler
-from torchlinf.measure.frames import own_angle, turned
+from torchlinf.measure.frames import in_own_frame, turned
 from torchlinf.measure.levels import Levels, MaskAt, levels_of_each
 from torchlinf.measure.options import SEVERAL, Measure
 from torchlinf.measure.profile import ComplexityProfile, Parts, profile_of_levels
@@ -141,12 +141,8 @@ def in_frame(shape: NDArray[np.bool_], measure: Measure, number: int) -> tuple[N
     if isinstance(orientation, tuple):
         found, angle = turned(shape, orientation), float("nan")
     else:
-        angle = number * 90 / measure.rotations
-        if orientation == "own":
-            angle = own_angle(shape)
-        elif not isinstance(orientation, str):
-            angle = orientation
-        found = turned(shape, angle)
+        angle = number * 90 / measure.rotations if isinstance(orientation, str) else orientation
+        found, angle = in_own_frame(shape) if orientation == "own" else (turned(shape, angle), angle)
     return (found, angle) if found.size else (shape, 0.0)
 
 
