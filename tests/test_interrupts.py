@@ -73,7 +73,7 @@ def test_interrupts_at_many_moments(mask: Path, tmp_path: Path) -> None:
             time.sleep(share * whole)
             process.send_signal(signal.SIGINT)
             _, told = process.communicate(timeout=60)
-        lines = [line for line in told.splitlines() if "are in" not in line]
+        lines = [line for line in told.splitlines() if "are in" not in line and not line.startswith("Passed over")]
         assert process.returncode in (0, 130, -signal.SIGINT), told
         # Python itself starts before the command can take care of anything.
         assert lines in ([], ["Stopped; the same command goes on where this one was."]) or share < 0.2, told
