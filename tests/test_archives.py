@@ -7,20 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
+from tests.mask_files import noise, png
 from torchlinf.scoring import Source, find_masks, read_source, score_masks
-
-
-def noise(seed: int, *size: int) -> np.ndarray:
-    """A random shape with holes, touching the border, in several components."""
-    return np.random.default_rng(seed).random(size) > 0.15
-
-
-def png(mask: np.ndarray) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(np.where(mask, 255, 0).astype(np.uint8)).save(file, format="PNG")
-    return file.getvalue()
 
 
 def npy(array: np.ndarray) -> bytes:

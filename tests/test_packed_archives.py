@@ -13,22 +13,13 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from tests.mask_files import noise, png
 from torchlinf.cli import app
 from torchlinf.scoring import find_masks, read_source, read_table, score_masks
 from torchlinf.scoring.byte_ranges import PackedRange, open_packed
 from torchlinf.scoring.shards import find_shards
 
 run = CliRunner(env={"TERM": "dumb", "COLUMNS": "200"}).invoke
-
-
-def noise(seed: int, *size: int) -> np.ndarray:
-    return np.random.default_rng(seed).random(size) > 0.15
-
-
-def png(mask: np.ndarray) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(np.where(mask, 255, 0).astype(np.uint8)).save(file, format="PNG")
-    return file.getvalue()
 
 
 def pack(path: Path, members: list[tuple[str, bytes]]) -> Path:

@@ -15,16 +15,12 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from tests.mask_files import noise
 from torchlinf import Measure, scoring
 from torchlinf.cli import app
 from torchlinf.scoring import JOURNAL, WINDOWS, Score, open_table, read_table
 
 run = CliRunner(env={"TERM": "dumb", "COLUMNS": "200"}).invoke
-
-
-def noise(seed: int, *size: int) -> np.ndarray:
-    """A random shape with holes, touching the border, in several components."""
-    return np.random.default_rng(seed).random(size) > 0.15
 
 
 def save(path: Path, mask: np.ndarray) -> None:

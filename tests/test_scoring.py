@@ -15,6 +15,7 @@ import torch
 from PIL import Image
 
 import torchlinf
+from tests.mask_files import noise
 from torchlinf import ComplexityProfile, Measure, complexity, shapes
 from torchlinf.scoring import Score, Source, find_masks, score_mask, score_masks, score_source
 from torchlinf.scoring import score as score_module
@@ -25,11 +26,6 @@ def save(path: Path, mask: np.ndarray) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.where(mask, 255, 0).astype(np.uint8)).save(path)
     return path
-
-
-def noise(seed: int, *size: int) -> np.ndarray:
-    """A random shape with holes, touching the border, in several components."""
-    return np.random.default_rng(seed).random(size) > 0.15
 
 
 def names(sources: list[Source], folder: Path) -> list[str]:

@@ -134,7 +134,6 @@ def complexity_table(
     """
     measure = Measure.of(options, MeasureOptions)
     measure.scalar_rho()
-    windows = measure.named_windows()
     whole = _label_map(label_map)
     axes = None if spatial_ndim is None else number_of_axes(spatial_ndim)
     labels = whole.reshape(image_shape(whole.shape, axes, "label_map"))
@@ -149,12 +148,7 @@ def complexity_table(
     if one_row_an_object:
         numbered, boxes, of_label = _components(numbered, boxes, measure)
     beside = _properties(numbered, whole.shape, _names(properties), intensity_image, sizes)
-    taken = {*COLUMNS, *beside} & set(windows)
-    if taken:
-        raise ValueError(
-            f"windows must not bear the names of other columns; got {sorted(taken)}. "
-            "Pass for example windows={'fine': (0.0, 0.25)}."
-        )
+    windows = measure.windows_beside({*COLUMNS, *beside})
     objects = list(boxes.items())
 
     def crop(i: int) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ import inspect
 import json
 import math
 import textwrap
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Literal, TypedDict, TypeVar
@@ -237,6 +237,20 @@ class Measure:
     def named_windows(self, name: str = "complexity") -> dict[str, Window]:
         """The windows by name; `name` is that of the one window where `windows` is None."""
         return {name: (self.low, self.high)} if self.windows is None else dict(self.windows)
+
+    def windows_beside(self, columns: Collection[str]) -> dict[str, Window]:
+        """The windows by name, for a table that has these columns too.
+
+        Raises:
+            ValueError: a window bears the name of one of them.
+        """
+        windows = self.named_windows()
+        if taken := windows.keys() & columns:
+            raise ValueError(
+                f"windows must not bear the names of other columns; got {sorted(taken)}. "
+                "Pass for example windows={'fine': (0.0, 0.25)}."
+            )
+        return windows
 
     def scalar_rho(self) -> float | None:
         """`rho` where it has to be one number for all shapes.

@@ -1,7 +1,7 @@
 """The numbers of outlines that are drawn: of each alone, and of all polygons of one geometry together."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,6 @@ from torchlinf.polygons.drawing import Edges, TooLargeError, draw, draw_at_radiu
 NOTHING = np.zeros((1, 1), dtype=np.bool_)
 # Columns of no table.
 BY_ROTATION, DRAWN = "by rotation", "drawn"
-SEVERAL = ("mean", "least")  # orientations that draw an outline several times
 
 Column = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -158,17 +157,17 @@ def pooled(
 def _angles(edges: Edges, count: int, measure: Measure) -> NDArray[np.float64]:
     """(N, rotations) degrees that each outline is turned by, once or several times."""
     orientation = measure.orientation
-    if orientation in SEVERAL:
-        return np.tile(np.arange(measure.rotations) * (90 / measure.rotations), (count, 1))
     if orientation == "own":
         own = [smallest_rectangle(hull).angle if len(hull) else 0.0 for hull in edges.hulls]
         return np.array(own, dtype=np.float64).reshape(count, 1)
+    if isinstance(orientation, str):
+        return np.tile(np.arange(measure.rotations) * (90 / measure.rotations), (count, 1))
     return np.full((count, 1), orientation or 0.0, dtype=np.float64)
 
 
 def _solved(draw_one: Callable[[int], Mask], count: int, measure: Measure) -> dict[str, Column]:
     """The numbers of drawings, all in one go; if a field cannot be solved, one by one, so that the others go on."""
-    plain = replace(measure.of_objects(), orientation=None, rotations=6)
+    plain = measure.plain()
     try:
         found = _numbers(ragged_profile(draw_one, count, plain), measure)
         return found | {"error": np.full(count, None)}

@@ -119,13 +119,7 @@ def complexity_table(
     measure.scalar_rho()
     if isinstance(measure.orientation, tuple):
         raise ValueError('orientation must be of two dimensions; got a 3 x 3 matrix. Pass degrees, or "own".')
-    windows = measure.named_windows()
-    taken = {*COLUMNS} & set(windows)
-    if taken:
-        raise ValueError(
-            f"windows must not bear the names of other columns; got {sorted(taken)}. "
-            "Pass for example windows={'fine': (0.0, 0.25)}."
-        )
+    windows = measure.windows_beside({*COLUMNS})
     drawing = Drawing(*_pixel(resolution, pixels_per_radius), count(max_pixels, "max_pixels"))
     raising = choice(errors, ERRORS, "errors") == "raise"
     found = read_geometries(geometries, flag(repair, "repair"))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from torchlinf._helpers.extras import require
 from torchlinf.scoring.names import name_beside
-from torchlinf.scoring.values import UnreadableMaskError
+from torchlinf.scoring.values import UnreadableMaskError, require_size
 
 # pycocotools walks along the outline in steps of a fifth of a pixel, wherever it leads.
 FARTHEST = 1e6
@@ -115,10 +115,7 @@ def draw(outline: Outline, max_pixels: int) -> NDArray[np.bool_]:
                [0, 1, 0]])
     """
     height, width = outline.height, outline.width
-    if height * width > max_pixels:
-        raise UnreadableMaskError(
-            f"{height} x {width} pixels are more than the limit of {max_pixels}; raise it to read the mask"
-        )
+    require_size((height, width), max_pixels, "read the mask")
     segmentation = outline.segmentation
     if not isinstance(segmentation, dict):
         from pycocotools import mask

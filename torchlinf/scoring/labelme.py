@@ -88,10 +88,7 @@ def draw_shapes(drawing: Drawing, max_pixels: int) -> NDArray[np.bool_]:
                [0, 0, 0, 0]])
     """
     height, width = drawing.height, drawing.width
-    if height * width > max_pixels:
-        raise UnreadableMaskError(
-            f"{height} x {width} pixels are more than the limit of {max_pixels}; raise it to read the mask"
-        )
+    require_size((height, width), max_pixels, "read the mask")
     if not all(isinstance(shape, dict) for shape in drawing.shapes):
         raise UnreadableMaskError("the shape is not an object")
     kinds = [str(shape.get("shape_type") or "polygon") for shape in drawing.shapes]

@@ -50,11 +50,11 @@ class Values:
         return replace(self, array=self.array[index], ids=ids, valid=valid, spacing=spacing)
 
 
-def require_size(shape: tuple[int, ...], max_pixels: int) -> None:
+def require_size(shape: tuple[int, ...], max_pixels: int, purpose: str = "read the file") -> None:
     """Raise if there are more pixels than the limit."""
     if prod(shape) > max_pixels:
         sizes = " x ".join(str(size) for size in shape)
-        raise UnreadableMaskError(f"{sizes} pixels are more than the limit of {max_pixels}; raise it to read the file")
+        raise UnreadableMaskError(f"{sizes} pixels are more than the limit of {max_pixels}; raise it to {purpose}")
 
 
 def values_of_array(array: NDArray[Any], volume: bool = False) -> Values:
