@@ -23,11 +23,13 @@ class Edges:
         ends: (E, 2, 2) both ends of every edge, as x and y, less the centre of the polygon's box.
         first: (N + 1,) where the edges of each polygon begin.
         hulls: (N,) the corners (H, 2) of the convex hull of each, less the same centre.
+        centres: (N, 2) of the boxes.
     """
 
     ends: NDArray[np.float64]
     first: NDArray[np.int64]
     hulls: list[NDArray[np.float64]]
+    centres: NDArray[np.float64]
 
     def __getitem__(self, i: int) -> NDArray[np.float64]:
         """The edges of one polygon."""
@@ -55,7 +57,7 @@ def edges_of(shapes: NDArray[np.object_]) -> Edges:
     first = np.searchsorted(owner[:-1][edge], np.arange(len(shapes) + 1))
     corners, of_hull = shapely.get_coordinates(shapely.convex_hull(shapes), return_index=True)
     hulls = np.split(corners - centre[of_hull], np.searchsorted(of_hull, np.arange(1, len(shapes))))
-    return Edges(ends, first, hulls if len(shapes) else [])
+    return Edges(ends, first, hulls if len(shapes) else [], centre)
 
 
 def turn(ends: NDArray[np.float64], degrees: float) -> NDArray[np.float64]:
@@ -65,6 +67,46 @@ def turn(ends: NDArray[np.float64], degrees: float) -> NDArray[np.float64]:
     cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     turned: NDArray[np.float64] = ends @ np.array([[cos, sin], [-sin, cos]])
     return turned
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The pixels that a polygon is drawn on.
+
+    Attributes:
+        height: rows.
+        width: columns.
+        resolution: side of a pixel, in the unit of the points.
+        middle: (2,) of the grid, as x and y; that of the polygon's box.
+    """
+
+    height: int
+    width: int
+    resolution: float
+    middle: NDArray[np.float64]
+
+    def pixels(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points (..., 2) in pixels from the upper left corner, x to the right and y down."""
+        scaled: NDArray[np.float64] = (points - self.middle) / self.resolution * (1, -1)
+        return scaled + np.array([self.width / 2, self.height / 2])
+
+    def points(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The points of what `pixels` returns."""
+        scaled: NDArray[np.float64] = (pixels - np.array([self.width / 2, self.height / 2])) * self.resolution * (1, -1)
+        return scaled + self.middle
+
+
+def grid_of(ends: NDArray[np.float64], resolution: float, max_pixels: int) -> Grid:
+    """The grid that `draw` draws these edges on; the arguments and errors are the same."""
+    low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
+    width, height = (int(side) for side in np.minimum(np.rint((high - low) / resolution), 2.0**31))
+    if width * height > max_pixels:
+        least = math.sqrt(float(np.prod(high - low)) / max_pixels)
+        raise TooLargeError(
+            f"{height} x {width} pixels at a resolution of {resolution:g} are more than the limit of {max_pixels}; "
+            f"a resolution of {_rounded_up(least)} needs fewer"
+        )
+    return Grid(height, width, resolution, (low + high) / 2)
 
 
 def draw(ends: NDArray[np.float64], resolution: float, max_pixels: int) -> NDArray[np.bool_]:
@@ -93,19 +135,11 @@ def draw(ends: NDArray[np.float64], resolution: float, max_pixels: int) -> NDArr
                [1, 1, 0, 0],
                [1, 1, 1, 1]])
     """
-    low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
-    width, height = (int(side) for side in np.minimum(np.rint((high - low) / resolution), 2.0**31))
-    if width * height > max_pixels:
-        least = math.sqrt(float(np.prod(high - low)) / max_pixels)
-        raise TooLargeError(
-            f"{height} x {width} pixels at a resolution of {resolution:g} are more than the limit of {max_pixels}; "
-            f"a resolution of {_rounded_up(least)} needs fewer"
-        )
-    if not width * height:
-        return np.zeros((height, width), dtype=np.bool_)
-    at = (ends - (low + high) / 2) / resolution * (1, -1) + (width / 2, height / 2)
-    at = np.rint(at * SUBPIXEL) / SUBPIXEL
-    return _filled(at, height, width)
+    grid = grid_of(ends, resolution, max_pixels)
+    if not grid.width * grid.height:
+        return np.zeros((grid.height, grid.width), dtype=np.bool_)
+    at = np.rint(grid.pixels(ends) * SUBPIXEL) / SUBPIXEL
+    return _filled(at, grid.height, grid.width)
 
 
 def draw_at_radius(ends: NDArray[np.float64], radius: int, max_pixels: int) -> tuple[NDArray[np.bool_], float]:

@@ -162,7 +162,7 @@ def _checked(found: Geometries, repair: bool) -> Geometries:
     shapes, errors = found.shapes.copy(), found.errors.copy()
     if repair:
         invalid = np.flatnonzero(~shapely.is_valid(shapes) & ~shapely.is_missing(shapes))
-        shapes[invalid] = [_polygons_of(one) for one in shapely.make_valid(shapes[invalid])]
+        shapes[invalid] = [polygons_of(one) for one in shapely.make_valid(shapes[invalid])]
 
     def fail(where: NDArray[np.bool_], text: Callable[[Any], str]) -> None:
         for i in np.flatnonzero(where):
@@ -191,7 +191,7 @@ def _invalid(shape: Any) -> str:
     return f"the geometry is invalid ({reason}); repair it, as repair=True or shapely.make_valid does"
 
 
-def _polygons_of(shape: Any) -> Any:
+def polygons_of(shape: Any) -> Any:
     """The polygons alone, where a repair leaves lines and points beside them."""
     import shapely
 

@@ -57,7 +57,7 @@ def measured(shapes: Column, broken: Column, drawing: Drawing, measure: Measure)
     import shapely
 
     edges, errors = edges_of(shapes), broken.copy()
-    angles = _angles(edges, len(shapes), measure)
+    angles = angles_of(edges, len(shapes), measure)
     count, rotations = angles.shape
     pixels = np.zeros((count, rotations), dtype=np.int64)
     sides = np.full((count, rotations), np.nan)
@@ -86,7 +86,7 @@ def measured(shapes: Column, broken: Column, drawing: Drawing, measure: Measure)
         if errors[i] is None and failures:
             errors[i] = failures[0]
         elif errors[i] is None and not drawn[i]:
-            errors[i] = _too_small(sides[i, 0], bounds[i])
+            errors[i] = too_small(sides[i, 0], bounds[i])
     failed = np.array([error is not None for error in errors], dtype=np.bool_)
     for name, column in found.items():
         if name != "seconds":
@@ -154,7 +154,7 @@ def pooled(
     return rows
 
 
-def _angles(edges: Edges, count: int, measure: Measure) -> NDArray[np.float64]:
+def angles_of(edges: Edges, count: int, measure: Measure) -> NDArray[np.float64]:
     """(N, rotations) degrees that each outline is turned by, once or several times."""
     orientation = measure.orientation
     if orientation == "own":
@@ -234,7 +234,7 @@ def _standard_error(by_rotation: Column) -> Column:
     return errors
 
 
-def _too_small(resolution: float, bounds: Column) -> str:
+def too_small(resolution: float, bounds: Column) -> str:
     """No pixel is inside: the outline is too small, perhaps since its unit is another one than meant."""
     text = f"no pixel's centre is inside at a resolution of {resolution:g}; pass a finer one"
     if (np.abs(bounds) <= (180, 90, 180, 90)).all():

@@ -120,11 +120,11 @@ def complexity_table(
     if isinstance(measure.orientation, tuple):
         raise ValueError('orientation must be of two dimensions; got a 3 x 3 matrix. Pass degrees, or "own".')
     windows = measure.windows_beside({*COLUMNS})
-    drawing = Drawing(*_pixel(resolution, pixels_per_radius), count(max_pixels, "max_pixels"))
+    drawing = Drawing(*pixel_size(resolution, pixels_per_radius), count(max_pixels, "max_pixels"))
     raising = choice(errors, ERRORS, "errors") == "raise"
     found = read_geometries(geometries, flag(repair, "repair"))
     if raising:
-        _raise_first(found.errors, found.index)
+        raise_first(found.errors, found.index)
     rows: dict[str, Column] = {"index": found.index}
     if measure.per == "object":
         parts, owner = found.parts()
@@ -140,7 +140,7 @@ def complexity_table(
     else:
         rows |= measured(found.shapes, found.errors, drawing, measure)
     if raising:
-        _raise_first(rows["error"], rows["index"])
+        raise_first(rows["error"], rows["index"])
     if measure.orientation is None:
         del rows["angle"]
     rows["version"] = np.full(len(rows["index"]), __version__)
@@ -150,7 +150,7 @@ def complexity_table(
     return {name: rows[name] for name in (*order[:before], *windows, *order[before:])}
 
 
-def _pixel(resolution: float | None, pixels_per_radius: int | None) -> tuple[float | None, int | None]:
+def pixel_size(resolution: float | None, pixels_per_radius: int | None) -> tuple[float | None, int | None]:
     """Check that one of both says how large a pixel is."""
     if (resolution is None) == (pixels_per_radius is None):
         got = "neither" if resolution is None else f"both, {resolution!r} and {pixels_per_radius!r}"
@@ -164,7 +164,8 @@ def _pixel(resolution: float | None, pixels_per_radius: int | None) -> tuple[flo
     return None, count(pixels_per_radius, "pixels_per_radius")
 
 
-def _raise_first(errors: Column, index: Column) -> None:
+def raise_first(errors: Column, index: Column) -> None:
+    """Raise the first error, with the name of its geometry."""
     for name, error in zip(index, errors, strict=True):
         if error is not None:
             raise ValueError(

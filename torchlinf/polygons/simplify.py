@@ -1,0 +1,226 @@
+"""Outlines to simpler outlines: each is drawn in its own frame, simplified there, and traced back."""
+
+import time
+from collections.abc import Callable
+from typing import Any, Unpack
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+from torch import Tensor
+
+from torchlinf import __version__
+from torchlinf._helpers.checks import choice, count, flag
+from torchlinf._helpers.parallel import for_each
+from torchlinf.losses import simplify as simplify_masks
+from torchlinf.measure import Measure, WindowOptions, takes
+from torchlinf.polygons.drawing import TooLargeError, edges_of, grid_of, turn
+from torchlinf.polygons.flipped_outline import flipped_outline, restored
+from torchlinf.polygons.geometries import read_geometries
+from torchlinf.polygons.measuring import Drawing, angles_of, too_small
+from torchlinf.polygons.table import ERRORS, MAX_PIXELS, pixel_size, raise_first
+
+SEVERAL = ("mean", "least")
+NUMBERS = ("before", "after", "flips", "changed", "angle", "resolution")  # what is found of every polygon
+SUMS = ("flips", "changed")
+
+Column = NDArray[Any]
+
+
+class OutlineOptions(WindowOptions, total=False):
+    """Options of outlines that are simplified: one window, in one frame."""
+
+    orientation: float | str | ArrayLike | Tensor | None
+
+
+@takes(OutlineOptions, orientation="own")
+def simplify(
+    geometries: Any,
+    *,
+    resolution: float | None = None,
+    pixels_per_radius: int | None = None,
+    weight: float = 10.0,
+    max_flips: int = 256,
+    tries: int = 32,
+    max_change: float = 0.5,
+    keep_topology: bool = True,
+    repair: bool = False,
+    max_pixels: int = MAX_PIXELS,
+    errors: str = "row",
+    **options: Unpack[OutlineOptions],
+) -> dict[str, Column]:
+    """Make outlines simpler, such as the footprints of buildings that a model has found.
+
+    Every polygon is drawn as `complexity_table` draws it, alone and in its own frame. There `torchlinf.simplify` flips
+    regions of pixels as long as that lowers the complexity by more than weight * changed pixels / pixels of the
+    polygon. What was flipped is cut out of the polygon, or united with it. Sides that no flip has touched keep their
+    corners; a new side goes on where the sides before and behind it stop.
+
+    Args:
+        geometries: N polygons or multipolygons, as `complexity_table` takes them. Each polygon of a multipolygon is
+            simplified alone.
+        resolution: side of a pixel, in the unit of the coordinates. This or `pixels_per_radius` must be given.
+        pixels_per_radius: instead of one resolution for all, the radius of every drawing, as in `complexity_table`.
+        weight: bits for the whole area of a polygon, 0 or more: a flip of 1 % of the area must lower the complexity by
+            weight / 100.
+        max_flips: how many flips a polygon may have.
+        tries: regions that are tried at a time, as in `torchlinf.simplify`.
+        max_change: share of the area of a polygon that may be changed, in (0, 1].
+        keep_topology: whether the drawing keeps its components and holes. Without it a flip may cut a polygon in two.
+        repair: whether invalid geometries are made valid by shapely's `make_valid` first.
+        max_pixels: an outline that needs a larger drawing is refused.
+        errors: "row", what cannot be simplified has None for a geometry and the reason in "error"; or "raise".
+        {measure options}
+            Here "own", degrees or None.
+
+    Returns:
+        Columns by name, one entry per geometry in their order.
+
+        - "index": as in `complexity_table`.
+        - "geometry": object, shapely geometries, valid; the same object where nothing was flipped. None for an error.
+        - "objects": int64, how many polygons it had.
+        - "area", "area_after": float64, exact areas, in the square of the unit.
+        - "before", "after": float64, complexity of the drawing in bits (or share, for "std"), the mean over the
+          polygons.
+        - "flips", "changed": int64, how many flips were made, and how many pixels they changed in the end.
+        - "changed_area": float64, exact area that is in one of both outlines alone.
+        - "angle", "resolution": float64, of the drawing; NaN where several polygons do not share one.
+        - "seconds": float64.
+        - "error": object, what went wrong in words, or None.
+        - "version" and "measure": the version of torchlinf and `Measure.settings()`.
+
+        Not differentiable. The work is done on the CPU, on torch's number of threads.
+
+    Raises:
+        ImportError: shapely or numba is not installed.
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument has a wrong value; the coordinates are degrees, as the coordinate reference system says;
+            or, with errors="raise", an outline cannot be simplified.
+
+    Source: this library's, see docs/polygons; the measure is that of Arslan and Tari, IEEE TIP 2020.
+
+    Example:
+        >>> import shapely
+        >>> from shapely import affinity
+        >>> house = shapely.union(shapely.box(0, 0, 12, 8), shapely.box(5, 8, 6, 9))  # a bump on one side
+        >>> found = simplify([affinity.rotate(house, 20)], resolution=0.25, weight=3.0)
+        >>> found["after"], found["changed"], found["area_after"].round(6), found["angle"].round(2)
+        (array([0.]), array([16]), array([96.]), array([-20.]))
+        >>> shapely.get_num_coordinates(found["geometry"])
+        array([5])
+    """
+    measure = Measure.of({"orientation": "own", **options}, OutlineOptions)
+    measure.scalar_rho()
+    if isinstance(measure.orientation, tuple) or measure.orientation in SEVERAL:
+        raise ValueError(
+            f'orientation must be one frame in the plane; got {measure.orientation!r}. Pass "own", degrees or None.'
+        )
+    drawing = Drawing(*pixel_size(resolution, pixels_per_radius), count(max_pixels, "max_pixels"))
+    raising = choice(errors, ERRORS, "errors") == "raise"
+    rule = {
+        "weight": weight, "max_flips": max_flips, "tries": tries, "max_change": max_change,
+        "keep_topology": keep_topology, **measure.plain().options(),
+    }  # fmt: skip
+    simplify_masks(torch.zeros(1, 1, dtype=torch.bool), spatial_ndim=2, **rule)  # checks the options before the work
+    found = read_geometries(geometries, flag(repair, "repair"))
+    if raising:
+        raise_first(found.errors, found.index)
+    parts, owner = found.parts()
+    columns = _simplified(parts.shapes, parts.errors, drawing, measure, rule)
+    rows = _joined(columns, owner, found.shapes)
+    if raising:
+        raise_first(rows["error"], found.index)
+    number = len(found.index)
+    return {
+        "index": found.index,
+        **rows,
+        "version": np.full(number, __version__),
+        "measure": np.full(number, measure.settings()),
+    }
+
+
+def _simplified(
+    shapes: Column, broken: Column, drawing: Drawing, measure: Measure, rule: dict[str, Any]
+) -> dict[str, Column]:
+    """Simplify polygons, each alone.
+
+    Returns:
+        The columns `NUMBERS`, "geometry", "seconds" and "error", (N,) each.
+    """
+    import shapely
+
+    edges, bounds = edges_of(shapes), shapely.bounds(shapes)
+    angles = angles_of(edges, len(shapes), measure)[:, 0]
+    columns = {name: np.full(len(shapes), np.nan) for name in NUMBERS}
+    columns |= {name: np.zeros(len(shapes), np.int64) for name in SUMS}
+    columns |= {"geometry": shapes.copy(), "seconds": np.zeros(len(shapes)), "error": broken.copy()}
+
+    def simplify_one(i: int, check: Callable[[], None]) -> None:
+        check()
+        if broken[i] is not None:
+            return
+        start = time.perf_counter()
+        ends = turn(edges[i], angles[i])
+        try:
+            before, side = drawing.of(ends)
+            if not before.any():
+                columns["error"][i] = too_small(side, bounds[i])
+                return
+            flipped = simplify_masks(torch.from_numpy(before), spatial_ndim=2, **rule)
+            after = flipped.mask.numpy()
+            grid = grid_of(ends, side, drawing.max_pixels)
+            centre, angle = edges.centres[i], angles[i]
+            if (before != after).any():
+                outline = shapely.transform(shapes[i], lambda points: grid.pixels(turn(points - centre, angle)))
+                outline = flipped_outline(outline, before, after)
+                outline = shapely.transform(outline, lambda points: turn(grid.points(points), -angle) + centre)
+                columns["geometry"][i] = restored(outline, shapes[i], side)
+        except TooLargeError as error:
+            columns["error"][i] = str(error)
+            return
+        except RuntimeError as error:
+            columns["error"][i] = f"{type(error).__name__}: {error}"
+            return
+        numbers = (flipped.before, flipped.after, flipped.num_flips, (before != after).sum(), angle, side)
+        for name, number in zip(NUMBERS, numbers, strict=True):
+            columns[name][i] = number
+        columns["seconds"][i] = time.perf_counter() - start
+
+    for_each(simplify_one, len(shapes))
+    return columns
+
+
+def _joined(columns: dict[str, Column], owner: NDArray[np.int64], given: Column) -> dict[str, Column]:
+    """The columns of geometries from those of their polygons; one polygon with an error is an error of the whole."""
+    import shapely
+
+    number = len(given)
+    first = np.searchsorted(owner, np.arange(number + 1))
+    rows: dict[str, Column] = {
+        "geometry": given.copy(),
+        "objects": np.diff(first),
+        "area": shapely.area(given),
+        "area_after": np.full(number, np.nan),
+    }
+    rows |= {name: np.full(number, np.nan) for name in NUMBERS if name not in SUMS}
+    rows |= {name: np.zeros(number, np.int64) for name in SUMS}
+    rows |= {"changed_area": np.full(number, np.nan), "seconds": np.zeros(number), "error": np.full(number, None)}
+    for i in range(number):
+        own = slice(first[i], first[i + 1])
+        rows["seconds"][i] = columns["seconds"][own].sum()
+        rows["error"][i] = next((error for error in columns["error"][own] if error is not None), None)
+        if rows["error"][i] is not None:
+            rows["geometry"][i], rows["objects"][i] = None, 0
+            continue
+        for name in SUMS:
+            rows[name][i] = columns[name][own].sum()
+        for name in ("before", "after"):
+            rows[name][i] = columns[name][own].mean()
+        for name in ("angle", "resolution"):
+            values = columns[name][own]
+            rows[name][i] = values[0] if (values == values[0]).all() else np.nan
+        if rows["flips"][i]:
+            rows["geometry"][i] = shapely.union_all(columns["geometry"][own])
+        rows["area_after"][i] = shapely.area(rows["geometry"][i])
+        rows["changed_area"][i] = shapely.area(shapely.symmetric_difference(given[i], rows["geometry"][i]))
+    return rows
