@@ -15,7 +15,8 @@ from torch import Tensor
 import torchlinf
 from torchlinf import shapes
 from torchlinf.kernels import has_compiler
-from torchlinf.losses.simplify import _Topology, simplify
+from torchlinf.losses.descent import Topology
+from torchlinf.losses.simplify import simplify
 
 pytestmark = pytest.mark.skipif(not has_compiler(), reason="needs numba")
 
@@ -179,7 +180,7 @@ def test_the_test_of_topology_agrees_with_the_tree() -> None:
         for side in (mask, ~mask):
             pixels = np.flatnonzero(chosen & side)
             after = mask ^ (chosen & side)
-            if len(pixels) and _Topology(mask).keeps(pixels):
+            if len(pixels) and Topology(mask).keeps(pixels):
                 kept += 1
                 assert topology(after) == topology(mask)
             elif len(pixels) == 1:
