@@ -24,7 +24,7 @@ from torchlinf import Measure, complexity
 from torchlinf.cli import app, main
 from torchlinf.scoring import COLUMNS, JOURNAL, WINDOWS, read_table
 
-COMMANDS = ("score", "compare", "profile", "order", "warm-up")
+COMMANDS = ("score", "simplify", "compare", "profile", "order", "warm-up")
 
 run = CliRunner(env={"TERM": "dumb", "COLUMNS": "200"}).invoke
 

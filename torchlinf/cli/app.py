@@ -18,7 +18,7 @@ import typer.core
 
 from torchlinf import __version__
 from torchlinf._helpers.terminal import printable
-from torchlinf.cli import compare, order, profile, report, score, warm_up
+from torchlinf.cli import compare, order, profile, report, score, simplify, warm_up
 from torchlinf.cli.outputs import PIPE_CLOSED
 
 
@@ -56,6 +56,7 @@ app = typer.Typer(
     rich_markup_mode="markdown",
 )
 app.command(epilog=score.EPILOG)(score.score)
+app.command(epilog=simplify.EPILOG)(simplify.simplify)
 app.command(epilog=compare.EPILOG)(compare.compare)
 app.command(epilog=profile.EPILOG)(profile.profile)
 app.command(epilog=order.EPILOG)(order.order)

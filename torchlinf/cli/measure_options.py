@@ -109,12 +109,12 @@ PARTS = ("orientation", "rotations", "per", "connectivity", "min_pixels", "pool"
 
 
 def takes_measure(
-    windows: Mapping[str, tuple[float, float]], *, parts: bool = True
+    windows: Mapping[str, tuple[float, float]] | None, *, parts: bool = True
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the options of the measure; it gets a checked `Measure` as its keyword `measure`.
 
     Args:
-        windows: those that the command has without `--window`, `--low` and `--high`.
+        windows: those that the command has without `--window`, `--low` and `--high`; None for one over all scales.
         parts: whether it takes the options of orientation and objects.
     """
     kinds = {name: kind for name, kind in OPTIONS.items() if parts or name not in PARTS}
@@ -172,7 +172,7 @@ def parse_orientation(text: str) -> str | float:
         return text
 
 
-def _measure(options: dict[str, Any], windows: Mapping[str, tuple[float, float]]) -> Any:
+def _measure(options: dict[str, Any], windows: Mapping[str, tuple[float, float]] | None) -> Any:
     if texts := options.pop("windows", None):
         options["windows"] = parse_windows(texts)
     if text := options.pop("orientation", None):

@@ -11,21 +11,26 @@ import typer
 from torchlinf.cli.outputs import endings, folder_problem, say
 from torchlinf.cli.progress import cores, progress
 
+Resolution = Annotated[
+    float | None,
+    typer.Option("--resolution", metavar="R", help="Of outlines: side of a pixel, in the unit of the coordinates."),
+]
+PixelsPerRadius = Annotated[
+    int | None,
+    typer.Option("--pixels-per-radius", min=1, metavar="N", help="Of outlines: draw each so that its radius is N."),
+]
+Layer = Annotated[str | None, typer.Option("--layer", metavar="NAME", help="Of outlines: the layer of the file.")]
+Crs = Annotated[
+    str | None,
+    typer.Option("--crs", metavar="CRS", help="Of outlines: project to this first, as EPSG:32633; or utm."),
+]
+Repair = Annotated[bool, typer.Option("--repair", help="Of outlines: make invalid geometries valid first.")]
 OPTIONS: Mapping[str, Any] = {
-    "resolution": Annotated[
-        float | None,
-        typer.Option("--resolution", metavar="R", help="Of outlines: side of a pixel, in the unit of the coordinates."),
-    ],
-    "pixels_per_radius": Annotated[
-        int | None,
-        typer.Option("--pixels-per-radius", min=1, metavar="N", help="Of outlines: draw each so that its radius is N."),
-    ],
-    "layer": Annotated[str | None, typer.Option("--layer", metavar="NAME", help="Of outlines: the layer of the file.")],
-    "crs": Annotated[
-        str | None,
-        typer.Option("--crs", metavar="CRS", help="Of outlines: project to this first, as EPSG:32633; or utm."),
-    ],
-    "repair": Annotated[bool, typer.Option("--repair", help="Of outlines: make invalid geometries valid first.")],
+    "resolution": Resolution,
+    "pixels_per_radius": PixelsPerRadius,
+    "layer": Layer,
+    "crs": Crs,
+    "repair": Repair,
 }
 # What a call about outlines may say beside `OPTIONS` and the measure.
 SHARED = ("paths", "out", "as_json", "overwrite", "workers", "max_pixels", "measure")
@@ -130,18 +135,22 @@ def _check(options: Any) -> None:
         options.table([])
     except (TypeError, ValueError) as error:
         raise typer.BadParameter(str(error)) from error
-    if options.crs is not None and options.crs.lower() != "utm":
-        from pyproj import CRS
-        from pyproj.exceptions import CRSError
+    check_crs(options.crs)
 
-        try:
-            chosen = CRS.from_user_input(options.crs)
-        except CRSError as error:
-            raise typer.BadParameter(
-                f"{options.crs} is no system of coordinates: {error}", param_hint="--crs"
-            ) from error
-        if chosen.is_geographic:
-            raise typer.BadParameter(f"{options.crs} has degrees; pass a projected system", param_hint="--crs")
+
+def check_crs(crs: str | None) -> None:
+    """Refuse a system of coordinates that is unknown or has degrees."""
+    if crs is None or crs.lower() == "utm":
+        return
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    try:
+        chosen = CRS.from_user_input(crs)
+    except CRSError as error:
+        raise typer.BadParameter(f"{crs} is no system of coordinates: {error}", param_hint="--crs") from error
+    if chosen.is_geographic:
+        raise typer.BadParameter(f"{crs} has degrees; pass a projected system", param_hint="--crs")
 
 
 def _check_out(out: Path | None, files: Sequence[Path], as_json: bool, overwrite: bool) -> None:

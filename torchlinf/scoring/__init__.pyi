@@ -18,6 +18,7 @@ from .geodata import parts_of as parts_of
 from .journal import JOURNAL as JOURNAL
 from .mask_rules import MAX_PIXELS as MAX_PIXELS
 from .mask_rules import RULE as RULE
+from .mask_rules import Reading as Reading
 from .mask_rules import read_inside as read_inside
 from .mask_rules import read_mask as read_mask
 from .mask_rules import read_measured as read_measured
@@ -42,6 +43,12 @@ from .score import score_source as score_source
 from .shards import Part as Part
 from .shards import Shard as Shard
 from .shards import find_shards as find_shards
+from .simplified_table import open_simplified as open_simplified
+from .simplify import Simplified as Simplified
+from .simplify import Simplifying as Simplifying
+from .simplify import simplify_groups as simplify_groups
+from .simplify_outlines import simplified_outlines as simplified_outlines
+from .simplify_outlines import write_outlines as write_outlines
 from .sources import Source as Source
 from .sources import find_masks as find_masks
 from .summary import print_table as print_table

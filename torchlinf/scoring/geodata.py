@@ -227,7 +227,7 @@ def joined(parts: Sequence[GeoPart], options: GeoOptions, with_geometry: bool) -
         crs = crs or given.crs
         geometry = given.geometry if given.crs == crs or given.crs is None else given.geometry.to_crs(crs)
         attributes = pd.DataFrame(given.drop(columns=given.geometry.name)).iloc[rows].reset_index(drop=True)
-        attributes.columns = _free_names(list(attributes.columns), list(numbers.columns))
+        attributes.columns = free_names(list(attributes.columns), list(numbers.columns))
         pieces = [numbers[["path"]], attributes, numbers.drop(columns="path")]
         if with_geometry:
             pieces.append(pd.DataFrame({"geometry": geometry.iloc[rows].to_numpy()}))
@@ -258,10 +258,10 @@ def _stacked(frames: list[Any]) -> Any:
     return whole[[*order, *(["geometry"] if "geometry" in whole else [])]]
 
 
-def _free_names(names: list[str], taken: list[str]) -> list[str]:
+def free_names(names: list[str], taken: list[str]) -> list[str]:
     """Names for attributes that no other column has, in a database that takes "Area" and "area" for the same.
 
-    >>> _free_names(["Area", "year"], ["path", "area"])
+    >>> free_names(["Area", "year"], ["path", "area"])
     ['Area_given', 'year']
     """
     used = {name.lower() for name in (*taken, "fid", "geom", "geometry")}

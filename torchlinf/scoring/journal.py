@@ -11,7 +11,7 @@ half done.
 import io
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -48,13 +48,17 @@ class Journal:
     more than scoring them, and only a failure of the whole machine could lose them.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, of: Callable[[Mapping[str, Any]], Any] = from_cells) -> None:
         """Open the journal, or make it, and drop an incomplete last line.
+
+        Args:
+            path: the file.
+            of: makes a row of its cells; a ValueError says that they are none.
 
         Raises:
             OSError: it cannot be opened, or another run is writing it.
         """
-        self._path = path
+        self._path, self._of = path, of
         self._file = path.open("ab", buffering=0)
         try:
             _lock(self._file, path)
@@ -74,7 +78,7 @@ class Journal:
                 if not line.endswith(b"\n"):
                     break
                 try:
-                    yield _group(json.loads(line))
+                    yield _group(json.loads(line), self._of)
                 except ValueError as error:
                     raise NoTableError(f"line {number} of its journal {self._path} is not a row ({error})") from error
                 size += len(line)
@@ -135,12 +139,12 @@ def _filled_cells(row: Score) -> dict[str, Any]:
     return {name: cell for name, cell in cells.items() if cell is not None or name not in KINDS}
 
 
-def _group(cells: Any) -> Group:
+def _group(cells: Any, of: Callable[[Mapping[str, Any]], Any]) -> Group:
     rows = rows_of_line(cells)
     if not all(isinstance(one, dict) for one in rows):
         raise ValueError("it is not an object")
     instead_of = () if "path" in cells else cells["instead_of"]
-    return Group(tuple(map(from_cells, rows)), tuple(instead_of))
+    return Group(tuple(map(of, rows)), tuple(instead_of))
 
 
 def _lock(file: io.FileIO, path: Path) -> None:

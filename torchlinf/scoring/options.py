@@ -10,7 +10,9 @@ from torchlinf.scoring.mask_rules import MAX_PIXELS, Reading
 from torchlinf.scoring.rows import KINDS, WINDOWS, columns
 
 
-def score_measure(options: Mapping[str, Any], *, windows: Mapping[str, tuple[float, float]] = WINDOWS) -> Measure:
+def score_measure(
+    options: Mapping[str, Any], *, windows: Mapping[str, tuple[float, float]] | None = WINDOWS
+) -> Measure:
     """The measure of the keywords that a function was given.
 
     Args:

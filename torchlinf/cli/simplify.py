@@ -1,0 +1,209 @@
+"""`torchlinf simplify`: simpler masks, and simpler outlines, in files of the same kind."""
+
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from torchlinf.cli.inputs import find_sources, reading_options
+from torchlinf.cli.measure_options import parse_orientation, takes_measure
+from torchlinf.cli.options import Ignore, Invert, Label, Labels, MaxPixels, Overwrite, Paths, Workers
+from torchlinf.cli.outputs import STATUS, end_if_failed, endings, say
+from torchlinf.cli.progress import cores, progress
+from torchlinf.cli.score_geodata import Crs, Layer, PixelsPerRadius, Repair, Resolution
+from torchlinf.cli.simplify_geodata import simplify_geodata
+from torchlinf.scoring import MAX_PIXELS, Source, is_geodata
+
+if TYPE_CHECKING:
+    from torchlinf.measure import Measure
+
+TABLE = "simplified.csv"  # of a folder of simplified masks
+EPILOG = f"""Masks are PNG, BMP, TIFF (one page) or .npy; other files give a row with an error. Arrays of probabilities
+are priced by their log-odds, and become arrays of 0 and 1; of a mask each pixel that is changed costs 1. Of a label map
+the pixels that are lost become 0, and only pixels of 0 are gained.
+
+{STATUS}"""
+
+
+@takes_measure(None, parts=False)
+def simplify(
+    paths: Paths,
+    *,
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", metavar="FOLDER", help="Write the masks here; of outlines the file to write."),
+    ],
+    weight: Annotated[
+        float, typer.Option("--weight", metavar="W", help="Price of log-odds (pixels) a share of the area, in bits.")
+    ] = 10.0,
+    max_flips: Annotated[int, typer.Option(min=1, metavar="N", help="Flips that a shape may have.")] = 256,
+    tries: Annotated[int, typer.Option(min=1, metavar="N", help="Regions that are tried at a time.")] = 32,
+    max_change: Annotated[
+        float, typer.Option(metavar="SHARE", help="Share of the area of a shape that may be changed.")
+    ] = 0.5,
+    keep_topology: Annotated[
+        bool | None,
+        typer.Option(
+            "--keep-topology/--any-topology",
+            show_default="kept for outlines alone",
+            help="Keep all components and holes, and make no others.",
+        ),
+    ] = None,
+    per: Annotated[
+        str | None,
+        typer.Option("--per", metavar="mask|object", show_default="mask", help="Simplify each component alone."),
+    ] = None,
+    threshold: Annotated[
+        float | None,
+        typer.Option("--threshold", "-t", metavar="T", help="Inside is what is greater, in the file's own units."),
+    ] = None,
+    probability: Annotated[
+        bool, typer.Option("--probability", help="Grey images of 8 or 16 bits are probabilities, white is 1.")
+    ] = False,
+    label: Label = None,
+    labels: Labels = False,
+    ignore: Ignore = None,
+    invert: Invert = False,
+    orientation: Annotated[
+        str | None,
+        typer.Option(
+            "--orientation",
+            metavar="own|grid|DEGREES",
+            show_default="the grid; own for outlines",
+            help="The axes that a shape is simplified along.",
+        ),
+    ] = None,
+    resolution: Resolution = None,
+    pixels_per_radius: PixelsPerRadius = None,
+    layer: Layer = None,
+    crs: Crs = None,
+    repair: Repair = False,
+    overwrite: Overwrite = False,
+    workers: Workers = None,
+    max_pixels: MaxPixels = MAX_PIXELS,
+    measure: "Measure",
+) -> None:
+    """Make masks simpler: flip regions as long as that lowers the complexity by more than its price.
+
+    The masks are written into a folder, under their own names and in their own format, with a table, simplified.csv, of
+    what was changed. Stopped and started again, the same command goes on where it was.
+
+    Outlines in one .gpkg, .geojson, .shp or .parquet file are drawn at --resolution, each in its own frame, and written
+    to a file of these kinds with their attributes. Sides that are not changed keep their corners.
+    """
+    if measure.windows is not None:
+        raise typer.BadParameter("one window of scales must be given, by --low and --high", param_hint="--window")
+    rule: dict[str, Any] = measure.options()
+    rule |= {"weight": weight, "max_flips": max_flips, "tries": tries, "max_change": max_change}
+    if orientation is not None:
+        rule["orientation"] = None if orientation == "grid" else parse_orientation(orientation)
+    drawing = {
+        "resolution": resolution, "pixels_per_radius": pixels_per_radius, "layer": layer, "crs": crs, "repair": repair,
+    }  # fmt: skip
+    outlines = [path for path in paths if is_geodata(path)]
+    if outlines:
+        of_masks = {
+            "threshold": threshold, "label": label, "labels": labels, "ignore": ignore, "invert": invert,
+            "probability": probability, "per": per,
+        }  # fmt: skip
+        _refuse(of_masks, "is not for outlines")
+        if len(paths) > 1:
+            raise typer.BadParameter(f"one file of outlines must be given; got {len(paths)} paths")
+        rule["keep_topology"] = keep_topology is not False
+        simplify_geodata(
+            paths[0], out, rule, drawing, overwrite=overwrite, max_pixels=max_pixels, workers=workers or cores()
+        )
+        return
+    _refuse(drawing, "is for files of outlines; got masks")
+    rule |= {"keep_topology": bool(keep_topology), "per": per or "mask"}
+    from torchlinf.scoring import Reading, Simplifying, open_simplified, simplify_groups
+
+    with reading_options():
+        reading = Reading(threshold, label, False, ignore or (), invert, max_pixels, labels=labels)
+        _check(rule)
+    options = Simplifying(reading, probability, rule)
+    if out.exists() and not out.is_dir():
+        raise typer.BadParameter(f"{out} is not a folder", param_hint="--out")
+    table = out / TABLE
+    with endings(table):
+        sources = find_sources(paths)
+        targets = _targets(paths, sources, out)
+        out.mkdir(parents=True, exist_ok=True)
+        with open_simplified(table, options, overwrite=overwrite) as (held, put):
+            done = _done(held, sources, targets)
+            new = [(source, target) for source, target in zip(sources, targets, strict=True) if source.name not in done]
+            if before := len(sources) - len(new):
+                say(f"{before} of {len(sources)} masks are in {table} already.")
+            failed = 0
+            groups = simplify_groups(new, options, workers=workers or cores())
+            with closing(groups), progress(before, len(sources), shown=True) as advance:
+                for (source, _), rows in zip(new, groups, strict=True):
+                    earlier = [name for name in held if _source_of(name) == source.name]
+                    put(*rows, instead_of=sorted({*earlier} - {row.path for row in rows}))
+                    failed += any(row.error is not None for row in rows)
+                    advance()
+    end_if_failed(failed, len(sources), f" It is {table}; the same command tries them again.")
+
+
+def _refuse(options: dict[str, Any], why: str) -> None:
+    if given := [f"--{name.replace('_', '-')}" for name, value in options.items() if value]:
+        raise typer.BadParameter(f"{', '.join(given)} {why}", param_hint=", ".join(given))
+
+
+def _check(rule: dict[str, Any]) -> None:
+    """Refuse what no mask could be simplified with, before any file is read."""
+    import torch
+
+    from torchlinf import simplify as simplify_masks
+
+    try:
+        simplify_masks(torch.zeros(1, 1, dtype=torch.bool), spatial_ndim=2, **rule)
+    except TypeError as error:
+        raise ValueError(str(error)) from error
+
+
+def _targets(paths: Sequence[Path], sources: Sequence[Source], out: Path) -> list[Path]:
+    """The file to write for each mask: its name, and of a folder its place below it.
+
+    Raises:
+        typer.BadParameter: a mask would be written over, or two would have one name.
+    """
+    folders = sorted((path for path in paths if path.is_dir()), key=lambda path: -len(path.parts))
+    if inside := [path for path in folders if out.resolve().is_relative_to(path.resolve())]:
+        raise typer.BadParameter(f"{out} lies in {inside[0]}, whose masks are read; pass another", param_hint="--out")
+    targets = []
+    for source in sources:
+        root = next((path for path in folders if source.path.is_relative_to(path)), source.path.parent)
+        targets.append(out / source.path.relative_to(root))
+    read = {source.path.resolve() for source in sources}
+    for target in targets:
+        if target.resolve() in read:
+            raise typer.BadParameter(f"{target} is one of the masks; pass another folder", param_hint="--out")
+    whole = [target for source, target in zip(sources, targets, strict=True) if source.member is None]
+    if (
+        twice := next((target for target in whole if whole.count(target) > 1), None)
+        if len(set(whole)) < len(whole)
+        else None
+    ):
+        raise typer.BadParameter(f"two masks would be written to {twice}; pass their folders one by one")
+    return targets
+
+
+def _source_of(path: str) -> str:
+    return path.rpartition("#")[0] if path.rpartition("#")[2].isdigit() and "#" in path else path
+
+
+def _done(held: Any, sources: Sequence[Source], targets: Sequence[Path]) -> set[str]:
+    """The masks that are written, and have no error in the table."""
+    names, broken = set(), set()
+    for name, row in held.items():
+        names |= {name, _source_of(name)}
+        if row.error is not None:
+            broken |= {name, _source_of(name)}
+    return {
+        source.name
+        for source, target in zip(sources, targets, strict=True)
+        if source.name in names and source.name not in broken and target.exists()
+    }

@@ -1,0 +1,90 @@
+"""A file of outlines in, a file of simpler outlines out, with the attributes and the system of coordinates."""
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from torchlinf.polygons import simplify
+from torchlinf.scoring.atomic_write import replace_file
+from torchlinf.scoring.geodata import PART, free_names, project, read_geodata
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
+
+LEFT_OUT = ("index", "geometry", "measure")
+DRIVERS = {".gpkg": "GPKG", ".geojson": "GeoJSON", ".shp": "ESRI Shapefile"}
+
+
+def simplified_outlines(
+    file: Path, options: Mapping[str, Any], layer: str | None, crs: str | None, advance: Callable[[], None]
+) -> "GeoDataFrame":
+    """Simplify the outlines of a file.
+
+    Args:
+        file: GeoPackage, GeoJSON, Shapefile or GeoParquet.
+        options: keywords of `torchlinf.polygons.simplify`.
+        layer: which layer, where it has several.
+        crs: the system of coordinates to simplify in, or "utm"; the outlines are brought back from it.
+        advance: called after every part of the file.
+
+    Returns:
+        The attributes, the columns of `torchlinf.polygons.simplify`, and the outlines in the coordinates of the file.
+        What was not changed, or has an error, is as it was. An attribute with the name of another column has "_given"
+        behind its name.
+
+    Raises:
+        UnreadableMaskError: the file cannot be read or projected.
+    """
+    import geopandas
+    import pandas as pd
+
+    given = read_geodata(file, layer).reset_index(drop=True)
+    flat = project(given, crs).geometry
+    parts = []
+    for begin in range(0, max(len(flat), 1), PART):
+        parts.append(pd.DataFrame(simplify(flat.iloc[begin : begin + PART], **options)))
+        advance()
+    numbers = pd.concat(parts, ignore_index=True)
+    changed = numbers["flips"].to_numpy() > 0
+    shapes = np.asarray(given.geometry, dtype=object).copy()
+    if changed.any():
+        simpler = geopandas.GeoSeries(numbers["geometry"].to_numpy()[changed], crs=flat.crs)
+        shapes[changed] = np.asarray(simpler if crs is None else simpler.to_crs(given.crs), dtype=object)
+    numbers = numbers.drop(columns=[name for name in LEFT_OUT if name in numbers])
+    numbers["error"] = numbers["error"].astype(object).where(numbers["error"].notna(), None)
+    numbers["options"] = json.dumps({**options, "crs": crs, "layer": layer})
+    attributes = pd.DataFrame(given.drop(columns=given.geometry.name))
+    attributes.columns = free_names(list(attributes.columns), list(numbers.columns))
+    return geopandas.GeoDataFrame(pd.concat([attributes, numbers], axis=1), geometry=shapes, crs=given.crs)
+
+
+def write_outlines(out: Path, frame: "GeoDataFrame") -> None:
+    """Write outlines in one piece, in the format that the name asks for.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    suffix = out.suffix.lower()
+    if suffix == ".shp":  # it is several files
+        frame.to_file(out, driver=DRIVERS[suffix], engine="pyogrio")
+        return
+
+    def write(temporary: Path) -> None:
+        if suffix == ".parquet":
+            frame.to_parquet(temporary, index=False)
+            return
+        # GDAL goes by the name of the file, and makes it and a journal of its own.
+        named = temporary.with_name(temporary.name + suffix)
+        try:
+            frame.to_file(
+                named, driver=DRIVERS[suffix], engine="pyogrio", **({"layer": out.stem} if suffix == ".gpkg" else {})
+            )
+            os.replace(named, temporary)
+        finally:
+            named.unlink(missing_ok=True)
+
+    replace_file(out, write)
