@@ -1,0 +1,176 @@
+"""Outlines that are simplified: areas in closed form, sides that stay, validity, and drawings that fit."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+import torchlinf
+
+shapely = pytest.importorskip("shapely")
+affinity = pytest.importorskip("shapely.affinity")
+
+from torchlinf.polygons import simplify  # noqa: E402
+from torchlinf.polygons.drawing import draw, edges_of, grid_of  # noqa: E402
+from torchlinf.polygons.flipped_outline import flipped_outline  # noqa: E402
+
+HOUSE = shapely.box(0, 0, 12, 8)
+BUMP = shapely.box(5, 8, 6, 9)
+NOTCH = shapely.box(3, 7, 4, 8)
+
+
+def with_bump(angle: float, by: tuple[float, float] = (0.0, 0.0)) -> "shapely.Geometry":
+    """A house of 12 x 8 with a bump of 1 x 1, turned and moved."""
+    return affinity.translate(affinity.rotate(shapely.union(HOUSE, BUMP), angle, origin=(0, 0)), *by)
+
+
+@pytest.mark.parametrize("angle", [0.0, 20.0, -37.5])
+@pytest.mark.parametrize(("given", "area"), [(shapely.union(HOUSE, BUMP), 96), (shapely.difference(HOUSE, NOTCH), 96)])
+def test_a_bump_and_a_notch_go_and_the_wall_goes_through(angle: float, given: "shapely.Geometry", area: float) -> None:
+    turned = affinity.rotate(given, angle, origin=(0, 0))
+    table = simplify([turned], resolution=0.25, weight=3.0)
+    house = affinity.rotate(HOUSE, angle, origin=(0, 0))
+    assert table["geometry"][0].symmetric_difference(house).area < 1e-6
+    assert shapely.get_num_coordinates(table["geometry"][0]) == 5  # no corner is left on the wall
+    assert table["area_after"][0] == pytest.approx(area, abs=1e-6)
+    assert table["changed_area"][0] == pytest.approx(1, abs=1e-6)
+    assert (table["changed"][0], table["flips"][0], table["after"][0]) == (16, 1, 0.0)
+
+
+@pytest.mark.parametrize("offset", [0.03, 0.08, 0.11, 0.17, 0.22])
+def test_no_step_is_left_where_a_wall_lies_between_pixels(offset: float) -> None:
+    """A second bump holds the box, so the wall in question is at any place between two lines of pixels."""
+    tall = shapely.union_all([HOUSE, BUMP, shapely.box(9, 8, 12, 10 + offset)])
+    (found,) = simplify([tall], resolution=0.25, weight=3.0, max_flips=1)["geometry"]
+    assert found.symmetric_difference(shapely.difference(tall, BUMP)).area < 1e-6
+    assert shapely.get_num_coordinates(found) == 7
+
+
+def test_corners_that_no_flip_has_touched_are_exactly_those_that_were_given() -> None:
+    given = with_bump(23.0, (398363.573, 6472917.922))
+    (found,) = simplify([given], resolution=0.25, weight=3.0)["geometry"]
+    before = {tuple(point) for point in shapely.get_coordinates(given)}
+    assert {tuple(point) for point in shapely.get_coordinates(found)} < before
+
+
+def test_diagonals_keep_their_two_corners() -> None:
+    """A chamfer is drawn as stairs; a bump elsewhere goes, and the chamfer stays one side."""
+    chamfered = shapely.Polygon([(0, 0), (12, 0), (12, 5), (9, 8), (6, 8), (6, 9), (5, 9), (5, 8), (0, 8)])
+    (found,) = simplify([chamfered], resolution=0.25, weight=5.0, orientation=None)["geometry"]
+    wanted = shapely.Polygon([(0, 0), (12, 0), (12, 5), (9, 8), (0, 8)])
+    assert found.symmetric_difference(wanted).area < 1e-6
+    assert shapely.get_num_coordinates(found) == 6
+
+
+def test_what_is_simple_or_too_dear_is_the_same_object() -> None:
+    shapes = [HOUSE, with_bump(10.0)]
+    table = simplify(shapes, resolution=0.25, weight=1e6)
+    assert table["geometry"][0] is HOUSE
+    assert table["geometry"][1] is shapes[1]
+    assert table["flips"].tolist() == [0, 0]
+    assert (table["changed_area"] == 0).all()
+
+
+def test_the_drawing_is_what_simplify_makes_of_the_mask() -> None:
+    given = with_bump(0.0)
+    table = simplify([given], resolution=0.25, weight=3.0)
+    mask = torch.zeros(36, 48, dtype=torch.bool)
+    mask[4:], mask[:4, 20:24] = True, True
+    found = torchlinf.simplify(mask, weight=3.0, keep_topology=True, spatial_ndim=2)
+    assert table["before"][0] == float(found.before)
+    assert table["changed"][0] == int((found.mask ^ mask).sum())
+
+
+def blob(rng: np.random.Generator, kind: int) -> "shapely.Geometry":
+    """A random polygon: of boxes, a star, or of discs with a hole."""
+    if kind == 0:
+        corners, sizes = rng.uniform(0, 20, (5, 2)), rng.uniform(3, 18, (5, 2))
+        boxes = [shapely.box(*low, *(low + size)) for low, size in zip(corners, sizes, strict=True)]
+        return affinity.rotate(shapely.union_all(boxes), rng.uniform(-5, 5))
+    if kind == 1:
+        angles = np.sort(rng.uniform(0, 2 * np.pi, 20))
+        radii = rng.uniform(8, 20, 20)
+        return shapely.Polygon(np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1))
+    discs = [
+        shapely.Point(at).buffer(r) for at, r in zip(rng.uniform(0, 25, (6, 2)), rng.uniform(2, 8, 6), strict=True)
+    ]
+    return shapely.union_all(discs).difference(shapely.Point(rng.uniform(5, 20, 2)).buffer(3))
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2])
+@pytest.mark.parametrize("weight", [0.0, 3.0])
+def test_the_new_outline_is_valid_and_its_drawing_is_the_new_mask(kind: int, weight: float) -> None:
+    """Of random polygons; a pixel whose centre lies next to a new slanted side may differ."""
+    rng = np.random.default_rng(kind)
+    pixels = different = 0
+    for _ in range(12):
+        shape = max(shapely.get_parts(blob(rng, kind)), key=shapely.area)
+        if not shapely.is_valid(shape):
+            continue
+        edges = edges_of(np.array([shape]))
+        grid, before = grid_of(edges[0], 1.0, 10**6), draw(edges[0], 1.0, 10**6)
+        after = torchlinf.simplify(torch.from_numpy(before), weight=weight, max_change=1.0, spatial_ndim=2).mask.numpy()
+        outline = shapely.transform(shape, lambda points, e=edges, g=grid: g.pixels(points - e.centres[0]))
+        found = flipped_outline(outline, before, after)
+        assert shapely.is_valid(found)
+        y, x = np.mgrid[: grid.height, : grid.width] + 0.5
+        pixels += int(after.sum())
+        different += int((shapely.contains_xy(found, x, y) != after).sum())
+    assert different <= 0.001 * pixels
+
+
+def test_holes_and_parts_are_kept() -> None:
+    yard = shapely.difference(shapely.box(0, 0, 16, 12), shapely.box(5, 4, 10, 8))
+    shape = shapely.union(yard, shapely.box(7, 12, 8, 13))
+    both = shapely.MultiPolygon([shape, affinity.translate(with_bump(30.0), 40, 0)])
+    table = simplify([both], resolution=0.25, weight=3.0)
+    (found,) = table["geometry"]
+    assert table["objects"].tolist() == [2]
+    assert np.isnan(table["angle"][0])  # each has its own
+    assert shapely.is_valid(found)
+    assert sorted(shapely.area(shapely.get_parts(found)).round(6)) == [96.0, 172.0]
+    assert [shapely.get_num_interior_rings(part) for part in shapely.get_parts(found)].count(1) == 1
+
+
+def test_what_cannot_be_simplified_is_a_row_with_the_reason() -> None:
+    bow = shapely.Polygon([(0, 0), (4, 4), (4, 0), (0, 4)])
+    given = [None, shapely.Point(1, 1), bow, shapely.Polygon(), shapely.box(0, 0, 0.01, 0.01), with_bump(0.0)]
+    table = simplify(given, resolution=0.25, weight=3.0)
+    assert [error is None for error in table["error"]] == [False] * 5 + [True]
+    assert table["geometry"][:5].tolist() == [None] * 5
+    assert "invalid" in table["error"][2]
+    assert simplify([bow], resolution=0.25, repair=True)["error"].tolist() == [None]
+    with pytest.raises(ValueError, match="geometries must be polygons"):
+        simplify(given, resolution=0.25, errors="raise")
+
+
+def test_a_geodataframe_keeps_its_index() -> None:
+    geopandas = pytest.importorskip("geopandas")
+    frame = geopandas.GeoDataFrame(geometry=[HOUSE, with_bump(5.0)], index=["a", "b"], crs="EPSG:32633")
+    table = simplify(frame, resolution=0.25, weight=3.0)
+    assert table["index"].tolist() == ["a", "b"]
+    assert json.loads(table["measure"][0])["orientation"] == "own"
+    with pytest.raises(ValueError, match="degrees"):
+        simplify(frame.to_crs("EPSG:4326"), resolution=0.25)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "resolution must be given"),
+        ({"resolution": 1.0, "orientation": "mean"}, "orientation must be one frame"),
+        ({"resolution": 1.0, "weight": -1.0}, "weight must"),
+        ({"resolution": 1.0, "max_change": 0.0}, "max_change must"),
+    ],
+)
+def test_wrong_options_are_refused_before_the_work(options: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        simplify([HOUSE], **options)
+
+
+def test_every_outline_at_one_radius_has_the_same_detail() -> None:
+    shapes = [with_bump(10.0), affinity.scale(with_bump(10.0), 7, 7)]
+    table = simplify(shapes, pixels_per_radius=16, weight=3.0)
+    assert table["resolution"][1] == pytest.approx(7 * table["resolution"][0], rel=1e-9)
+    assert table["changed"][0] == table["changed"][1] > 0
