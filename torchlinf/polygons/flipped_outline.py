@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from torchlinf.polygons.geometries import polygons_of
 
 REACH = 0.51  # pixels from a line between pixels to the side that was drawn there: half a pixel, and what rounding adds
-STRAIGHT = (
-    0.1  # pixels; a corner that is nearer to the line between its neighbours is none, where something was flipped
-)
+STAIR = 0.75  # pixels from a straight side to the corners of its stairs: half a diagonal, and what rounding adds
+# Pixels; a corner that is nearer to the line between its neighbours is none, where something was flipped.
+STRAIGHT = 0.1
 SAME = 1e-6  # pixels between a corner and itself, there and back again
 
 Mask = NDArray[np.bool_]
@@ -115,6 +115,9 @@ class _Flips:
 
         first, last = chain[0], chain[-1]
         is_closed = len(chain) > 1 and bool((first.start == last.end).all())
+        if len(chain) > 2 and not is_closed and (slope := self._slope(chain, stays)) is not None:
+            yield slope
+            return
         shifts = np.zeros((len(chain), 2))  # across each side, at its start and its end
         path, far = np.zeros((len(chain) + 1, 2)), np.zeros((len(chain), 2, 2))
         if not is_closed:
@@ -147,18 +150,59 @@ class _Flips:
                     shapely.Polygon([path[i + 1], far[i, 1], corner, side.end + REACH * following.across])
                 )
 
+    def _slope(self, chain: list[_Side], stays: Mask) -> Any:
+        """What lies behind a straight side that stands for stairs of pixels; None where they are no stairs."""
+        import shapely
+
+        first, last = chain[0], chain[-1]
+        begin, end = (
+            self._goes_on(corner, along, across, stays)
+            for corner, along, across in (
+                (first.start, -first.along, first.across),
+                (last.end, last.along, last.across),
+            )
+        )
+        if begin is None or end is None:
+            return None
+        side = end - begin
+        length = float(np.hypot(*side))
+        if not length:
+            return None
+        behind = np.array([side[1], -side[0]]) / length
+        corners = np.array([first.start, *(one.end for one in chain)])
+        ahead = [one.along @ side for one in chain]
+        if min(ahead) < 0 or np.abs((corners - begin) @ behind).max() > STAIR:
+            return None
+        return shapely.Polygon([begin, end, end + 2 * behind, begin + 2 * behind])
+
+    def _goes_on(
+        self, corner: NDArray[np.int64], along: NDArray[np.int64], across: NDArray[np.int64], stays: Mask
+    ) -> Points | None:
+        """The outline half a pixel behind the end of a new side, straight on or around the corner of what stays."""
+        ahead, beside = _pixel(corner, along, across), _pixel(corner, along, -across)
+        if self.changed[ahead] or (stays[ahead] and (stays[beside] or self.changed[beside])):
+            return None
+        towards = along if stays[ahead] else across
+        return self._nearest(corner + towards / 2)
+
+    def _nearest(self, point: Points) -> Points | None:
+        """The point of the outline that is nearest, if it is where the outline would have been drawn there."""
+        import shapely
+
+        nearest = shapely.get_coordinates(shapely.shortest_line(shapely.Point(point), self._sides))[1]
+        return nearest if np.hypot(*(nearest - point)) <= STAIR else None
+
     def _shift(
         self, corner: NDArray[np.int64], along: NDArray[np.int64], across: NDArray[np.int64], stays: Mask
     ) -> float | None:
         """How far across a new side lies the outline that goes straight on behind its end; None if none does."""
-        import shapely
-
         ahead, beside = _pixel(corner, along, across), _pixel(corner, along, -across)
         goes_on = stays[ahead] and not stays[beside] and not self.changed[ahead] and not self.changed[beside]
         if not goes_on:
             return None
-        middle = shapely.Point(corner + along / 2)
-        nearest = shapely.get_coordinates(shapely.shortest_line(middle, self._sides))[1]
+        nearest = self._nearest(corner + along / 2)
+        if nearest is None:
+            return None
         shift = float((nearest - corner) @ across)
         return shift if abs(shift) <= REACH else None
 
