@@ -1,7 +1,7 @@
-"""A stand-in for a device other than the CPU: its tensors hold their values on the CPU, but say that they are elsewhere.
+"""A stand-in for a device that is not the CPU: its tensors hold their values on the CPU, but say they are elsewhere.
 
-Inside `FakeDevice()`, tensors on `DEVICE` can be made, computed with and differentiated. As on a GPU their values cannot
-be read without a copy to the CPU. It counts what a GPU would make the host wait for: copies either way, numbers and
+Inside `FakeDevice()`, tensors on `DEVICE` can be made, computed with and differentiated. As on a GPU their values can
+not be read without a copy to the CPU. It counts what a GPU would make the host wait for: copies either way, numbers and
 truth values taken from tensors, and operations whose result has a size that depends on values. Copies from and to
 page-locked memory that need not be waited for are counted apart.
 """

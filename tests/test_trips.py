@@ -139,7 +139,7 @@ def test_a_profile_on_a_device_can_be_averaged_there(device: FakeDevice, masks: 
 
 
 def test_without_a_measurement_auto_stays_on_the_device(device: FakeDevice, masks: Tensor) -> None:
-    assert methods.STAYS == {"cuda": ((float("inf"), 1),)}
+    assert methods.STAYS["cuda"] == ((float("inf"), 1),)
     masks = masks[:1]
     found = solve_field(device.put(masks), method="auto")
     expected = solve_field(masks, method=methods.automatic(pose(device.put(masks[0]), None, (3,))))
