@@ -270,8 +270,7 @@ class ShapeComplexityLoss(nn.Module):
                     f"{len(self.weight)}. With include_background=False leave out that of the background."
                 )
             # Number by number: a tensor of them would have to be copied to the device, which waits for it.
-            weighted = zip(value.unbind(1), self.weight, strict=True)
-            value = torch.stack([channel * weight for channel, weight in weighted], dim=1)
+            value = torch.stack([value[:, i] * weight for i, weight in enumerate(self.weight)], dim=1)
         else:
             value = value * self.weight
         number: int | Tensor = value.numel()
