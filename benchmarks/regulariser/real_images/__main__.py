@@ -116,8 +116,8 @@ def main(arguments: list[str] | None = None) -> None:
     text = "\n".join(map(markdown, tables(stored)))
     print(text)
     options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "real_images_tables.inc").write_text(text, encoding="utf-8")
-    draw(stored, options.out / "images" / "real_images.png")
+    (options.out / "regulariser_tables.inc").write_text(text, encoding="utf-8")
+    draw(stored, options.out / "images" / "regulariser_curves.png")
 
 
 def _read(path: Path) -> Found:

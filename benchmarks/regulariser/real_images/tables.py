@@ -1,5 +1,6 @@
 """The tables and the figure of the study, from what was measured."""
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.plots import COLOURS, MARKERS
 from benchmarks.regulariser.real_images.methods import PLAIN, TRUTH
 from benchmarks.results import Cell, Table
 
@@ -80,40 +82,40 @@ def _differences(name: str, runs: Runs) -> Table:
     return Table(f"{name.capitalize()}: against no term", columns, rows, note)
 
 
-def draw(measured: dict[str, Runs], curves: dict[str, list[str]], path: Path) -> None:
+def kinds_of(methods: Iterable[str]) -> dict[str, list[str]]:
+    """Methods that differ in their numbers only, under their common name.
+
+    >>> kinds_of(["loss 0.1", "loss 0.4", "loss 0.1, then simplify 3"])
+    {'loss': ['loss 0.1', 'loss 0.4'], 'loss, then simplify': ['loss 0.1, then simplify 3']}
+    """
+    found: dict[str, list[str]] = {}
+    for method in methods:
+        if method not in (PLAIN, TRUTH):
+            found.setdefault(re.sub(r" [\d.]+", "", method), []).append(method)
+    return found
+
+
+def draw(measured: dict[str, Runs], path: Path) -> None:
     """Complexity against overlap, a curve for each kind of method."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    from benchmarks.plots import COLOURS, MARKERS
-
     with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
-        figure = Figure(figsize=(9, 4), layout="constrained", dpi=150)
+        figure = Figure(figsize=(10, 4.5), layout="constrained", dpi=150)
         for axes, (name, runs) in zip(
             figure.subplots(1, len(measured), squeeze=False)[0], measured.items(), strict=True
         ):
-            present = methods_of(runs)
-
-            def at(method: str, runs: Runs = runs) -> tuple[float, float]:
-                return tuple(float(np.nanmean(of_seeds(runs, method, of))) for of in (AIM, "IoU"))  # type: ignore[return-value]
-
-            for i, (label, methods) in enumerate(curves.items()):
-                points = [at(method) for method in methods if method in present]
-                if points:
-                    x, y = zip(*points, strict=True)
-                    axes.plot(
-                        x,
-                        y,
-                        "-" + MARKERS[i % len(MARKERS)],
-                        color=COLOURS[i % len(COLOURS)],
-                        label=label,
-                        markerfacecolor="white" if i >= len(COLOURS) else None,
-                        markersize=5,
-                    )
-            axes.plot(*at(PLAIN), "k*", markersize=10, label=PLAIN)
-            axes.axvline(at(TRUTH)[0], color="0.5", linestyle=":", label="complexity of the truth")
-            axes.set_title(name)
-            axes.set_xlabel("complexity of objects in their own frames, bits")
-            axes.set_ylabel("IoU")
+            for i, (kind, methods) in enumerate(kinds_of(methods_of(runs)).items()):
+                x, y = zip(*(_point(runs, method) for method in methods), strict=True)
+                style = "-" if i < len(COLOURS) else "--"
+                axes.plot(x, y, style + MARKERS[i % len(MARKERS)], color=COLOURS[i % len(COLOURS)], label=kind)
+            axes.plot(*_point(runs, PLAIN), "k*", markersize=12, label=PLAIN)
+            axes.axvline(_point(runs, TRUTH)[0], color="0.5", linestyle=":", label="complexity of the truth")
+            axes.set(title=name, xlabel=f"complexity of an {AIM}, bits", ylabel="IoU")
         axes.legend(fontsize=7)
         figure.savefig(path, metadata={"Software": None})
+
+
+def _point(runs: Runs, method: str) -> tuple[float, float]:
+    values = [float(np.nanmean(of_seeds(runs, method, measure))) for measure in (AIM, "IoU")]
+    return values[0], values[1]
