@@ -78,7 +78,8 @@ def test_an_appendage_goes_if_it_is_cheap_and_stays_if_it_is_dear() -> None:
     worth = float(torchlinf.complexity(shape, spatial_ndim=2))
     area = int(shape.sum())
     breaking_even = worth * area / 12  # 12 pixels, of which each costs 1
-    cheap = simplify(shape, weight=0.9 * breaking_even, spatial_ndim=2)
+    # Half of it: a little below breaking even, a part of the appendage that is worth more for its price goes alone.
+    cheap = simplify(shape, weight=0.5 * breaking_even, spatial_ndim=2)
     assert float(cheap.after) == 0
     assert float(cheap.cost) == 12
     assert int(cheap.mask.sum()) == area - 12

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchlinf.losses.region_flips import Candidates, Region, candidates, code_of
-from torchlinf.measure import Measure, SolvedShape, mean_of_levels
+from torchlinf.measure import Measure, SolvedLevels, SolvedShape, mean_of_levels
 
-# Bits that are expected of a region, times the root of its share of the area: only the order of trying depends on it.
-PROMISE = 0.5
+# Only the order of trying depends on these: the share of the complexity near a region that its flip is expected to
+# gain; the bits that are hoped for, times the root of its share of the area; and one in how many is tried for that.
+PROMISE, HOPE, MIXED = 0.2, 0.5, 4
+NEAR = (3, 3, 2, 1)  # pixels, by the number of dimensions
+UNIT = 2.0**30  # shares of a complexity are summed in steps of 1 / UNIT, as prices in steps of 1 / STEPS
+BATCH = 8  # regions that are tried before the best of them is flipped
+ENOUGH = 0.01  # share by which the objective has to fall, for regions to be looked for once more
 ANY_NUMBER = 1 << 30
-LOOKED_AT = 1000  # groups of regions that are looked at until enough of them keep the topology
 STEPS = 2.0**20  # prices are rounded to 1 / STEPS, so that their sums do not depend on the order of pixels
 EQUAL = 1e-9  # bits; what differs by less is equal, and what gains less does not pay
 
@@ -55,11 +59,10 @@ class Simplified:
 
 @dataclass(eq=False)
 class _Flip:
-    """A region with what its flip adds to the objective; `stale` if another flip was made since."""
+    """A region with what its flip adds to the objective."""
 
     pixels: Region
     change: float
-    stale: bool = False
 
 
 class Descent:
@@ -80,17 +83,19 @@ class Descent:
         check: Callable[[], None],
     ) -> None:
         self._probability, self._rule, self._check = probability.contiguous()[None], rule, check
-        self._price, self._allowed = price.reshape(-1), allowed.reshape(-1)
-        self._mask, self._before = mask, mask.reshape(-1)
-        self._area = int(mask.sum())
+        self._price = price.reshape(-1)
+        self._mask, self._closed = mask, ~(mask | allowed).reshape(-1)
+        self._area, self._changed = int(mask.sum()), 0
+        self._sign = np.ones(mask.size, np.int64)  # -1 where a flip changes a pixel back
+        self._touched = np.zeros(mask.size, np.bool_)  # where flips were made since regions were looked for
         self._weights: dict[int, NDArray[np.float64]] = {}
         self._refused: list[int] = []  # codes of regions that did not pay
         self.solved = SolvedShape(mask, rule.measure, check)
         self.before = self._complexity()
-        self._value = self._mean(self.solved.levels.values)
+        self._value = self._objective = self._mean(self.solved.levels.values)
         self.flips: list[Region] = []
         self._topology = Topology(mask) if rule.keep_topology else None
-        while self._value > EQUAL and len(self.flips) < rule.max_flips and self._make_flips(self._regions()):
+        while self._may_go_on() and self._went_through():
             pass
 
     def result(self) -> Simplified:
@@ -103,97 +108,132 @@ class Descent:
         values, measure = self.solved.levels.values, self._rule.measure
         return float(mean_of_levels(values, np.array([len(values)]), measure.low, measure.high)[0])
 
+    def _may_go_on(self) -> bool:
+        return self._value > EQUAL and len(self.flips) < self._rule.max_flips
+
     def _mean(self, values: NDArray[np.float64]) -> float:
         """The complexity of levels, as `mean_of_levels` has it up to rounding."""
-        radius, measure = len(values), self._rule.measure
+        return float((values * self._weights_of(len(values))).sum())
+
+    def _weights_of(self, radius: int) -> NDArray[np.float64]:
+        """How much each level counts."""
+        measure = self._rule.measure
         if radius not in self._weights:
             ends = np.clip(np.arange(radius + 1) / radius, measure.low, measure.high)
             self._weights[radius] = np.diff(ends) / (measure.high - measure.low)
-        return float((values * self._weights[radius]).sum())
+        return self._weights[radius]
 
-    def _signs(self) -> NDArray[np.int64]:
-        """+1 where a flip changes a pixel, -1 where it changes it back."""
-        return np.where(self.solved.mask.reshape(-1) == self._before, 1, -1)
+    def _cost_of(self, price: int) -> float:
+        return price * self._unit
 
-    def _regions(self) -> list[Region]:
-        """The regions that promise most, of those whose flip may pay and that were not refused before."""
+    @property
+    def _unit(self) -> float:
+        """What 1 / STEPS of log-odds costs in bits."""
+        return self._rule.weight / (STEPS * self._area)
+
+    def _went_through(self) -> bool:
+        """Go through the regions of the shape as it is, until enough are tried in vain; whether that did enough."""
+        proposed, groups = self._regions()
+        began, vain = self._objective, 0
+        batch: list[Region] = []
+        self._touched[:] = False
+        for group in itertools.chain(groups, [None]):
+            if group is not None:
+                some = (proposed.region(number) for number in group)
+                batch += [pixels for pixels in some if not self._touched[pixels].any() and self._keeps_topology(pixels)]
+                if len(batch) < min(BATCH, self._rule.tries):
+                    continue
+            here = len(self.flips)
+            self._make_flips(batch)
+            vain = 0 if len(self.flips) > here else vain + len(batch)
+            if vain >= self._rule.tries or not self._may_go_on():
+                break
+            batch = []
+        return self._objective < began - ENOUGH * began
+
+    def _regions(self) -> tuple[Candidates, list[list[int]]]:
+        """Regions whose flip may pay, those first that promise most; those that may be mirror images stand together.
+
+        A flip straightens what is uneven near it: so it promises the more, the more complexity there is near the
+        region, and the less it costs. Among those are mixed some that are large for their price, which may change what
+        is far from them and lead out of local minima.
+        """
+        from torchlinf.kernels.grid import row_strides
+        from torchlinf.kernels.region_weights import weigh
+
         inside = torch.from_numpy(self.solved.mask)[None]
         proposed = candidates(self._probability, self._rule.threshold, ANY_NUMBER, inside)
-        signs = self._signs()
-        price = _sums(signs * self._price, proposed)
-        pays = self._cost_of(price) < self._value - EQUAL  # a complexity is 0 or more
-        changed = int((signs < 0).sum()) + _sums(signs, proposed)
-        fits = changed <= self._rule.max_change * self._area
-        outside = ~(self.solved.mask.reshape(-1) | self._allowed)
-        lies_right = _sums(outside.astype(np.int64), proposed) == 0
-        new = ~np.isin(proposed.code, np.array(self._refused, np.uint64))
-        size = np.diff(proposed.begin)
-        numbers = np.flatnonzero(pays & fits & lies_right & new & (size <= self.solved.mask.sum() // 2))
-        expected = self._cost_of(price) - PROMISE * np.sqrt(size / self._area)
-        facts = np.stack([proposed.code[numbers].view(np.int64), size[numbers], price[numbers]])
-        order = np.lexsort((*facts, expected[numbers]))
-        found: list[Region] = []
-        for group in itertools.islice(_groups(numbers[order], facts[:, order]), LOOKED_AT):
-            if len(group) > self._rule.tries:
-                continue
-            regions = [region for i in group if self._keeps_topology(region := proposed.region(i))]
-            if len(found) + len(regions) <= self._rule.tries:
-                found += regions
-            if len(found) == self._rule.tries:
-                break
-        return found
+        code, numbers = np.unique(proposed.code, return_index=True)
+        numbers = numbers[~np.isin(code, np.array(self._refused, np.uint64))]
+        reach = NEAR[self._mask.ndim - 1]
+        share = np.rint(self.solved.shares(self._weights_of(len(self.solved.levels.values))) * UNIT).astype(np.int64)
+        share = np.pad(share, reach)
+        place = np.flatnonzero(np.pad(np.ones(self._mask.shape, np.bool_), reach))
+        offsets = np.indices((2 * reach + 1,) * share.ndim).reshape(share.ndim, -1) - reach
+        strides = np.array(row_strides(share.shape))
+        steps = np.concatenate([strides, -strides])
+        ahead = np.stack([offsets[:, side == reach].T @ strides for side in (*offsets, *-offsets)])
+        prices, nearby = np.empty((2, len(numbers)), np.int64)
+        most_changed = int(self._rule.max_change * self._area) - self._changed
+        weigh(
+            proposed.pixels, proposed.begin, numbers, self._sign, self._price, self._closed, self._unit,
+            self._value - EQUAL, most_changed, int(self.solved.mask.sum()) // 2, place, share.reshape(-1),
+            strides @ offsets, steps, ahead, np.zeros(2 * share.size, np.int32), prices, nearby,
+        )  # fmt: skip
+        may = nearby > 0
+        numbers, prices, nearby = numbers[may], prices[may], nearby[may]
+        size = proposed.begin[numbers + 1] - proposed.begin[numbers]
+        order = np.lexsort((size, prices, nearby))
+        facts = np.stack([size, prices, nearby])[:, order]
+        first = np.flatnonzero((np.diff(facts, axis=1, prepend=-1) != 0).any(axis=0))
+        groups = np.split(numbers[order], first[1:])
+        size, cost, there = facts[0, first], facts[1, first] * self._unit, facts[2, first] / UNIT
+        odds = there / (there + np.maximum(cost, 0) / PROMISE)
+        worth = (there * odds**3, HOPE * np.sqrt(size / self._area) - cost)
+        careful, bold = ((-gain).argsort(kind="stable").argsort() for gain in worth)
+        best = np.minimum(careful, MIXED * bold).argsort(kind="stable").tolist() if len(first) else []
+        return proposed, [groups[i].tolist() for i in best if len(groups[i]) <= self._rule.tries]
 
     def _keeps_topology(self, pixels: Region) -> bool:
         return self._topology is None or self._topology.keeps(pixels)
 
-    def _cost_of(self, price: NDArray[np.int64]) -> NDArray[np.float64]:
-        return (price * (self._rule.weight / (STEPS * self._area))).astype(np.float64)
+    def _flip(self, pixels: Region, make: bool) -> float:
+        """What a flip adds to the objective, inf where it is not allowed; with `make` it is made if it pays."""
+        signs = self._sign[pixels]
+        changed = self._changed + int(signs.sum())
+        if changed > self._rule.max_change * self._area or not self._keeps_topology(pixels):
+            return math.inf
+        cost = self._cost_of(int((signs * self._price[pixels]).sum()))
 
-    def _tried(self, pixels: Region) -> _Flip:
-        """A region and what its flip would add to the objective, inf where it is not allowed."""
-        signs = self._signs()
-        changed = int((signs < 0).sum()) + int(signs[pixels].sum())
-        allowed = changed <= self._rule.max_change * self._area
-        if not allowed or not self._keeps_topology(pixels):
-            return _Flip(pixels, math.inf)
-        values = self.solved.after(pixels).values
-        if not len(values):
-            return _Flip(pixels, math.inf)
-        price = (signs * self._price)[pixels].sum()
-        return _Flip(pixels, self._mean(values) - self._value + float(self._cost_of(price)))
+        def change(levels: SolvedLevels) -> float:
+            return self._mean(levels.values) - self._value + cost if len(levels.values) else math.inf
 
-    def _make_flips(self, regions: list[Region]) -> bool:
-        """Flip the best, until none pays; whether any did.
+        levels = self.solved.after(pixels, keep=lambda levels: make and change(levels) < -EQUAL)
+        found = change(levels)
+        if make and found < -EQUAL:
+            if self._topology is not None:
+                self._topology.keeps(pixels, make=True)
+            self._value = self._mean(levels.values)
+            self._objective += found
+            self._sign[pixels] *= -1
+            self._changed = changed
+            self._touched[pixels] = True
+            self.flips.append(pixels)
+        return found
 
-        After a flip the others keep what was found for them, until it is their turn: then they are tried again.
-        """
-        tried = [self._tried(region) for region in regions]
-        self._refused += [code_of(flip.pixels) for flip in tried if not flip.change < -EQUAL]
-        flips = [flip for flip in tried if flip.change < -EQUAL]
-        any_made = False
+    def _make_flips(self, regions: list[Region]) -> None:
+        """Flip those of some regions that pay, the best first, each if it still pays at its turn."""
+        flips = [_Flip(pixels, self._flip(pixels, make=False)) for pixels in regions]
+        self._refused += [code_of(flip.pixels) for flip in flips if not flip.change < -EQUAL]
+        flips = [flip for flip in flips if flip.change < -EQUAL]
         while flips and len(self.flips) < self._rule.max_flips:
             best = min(flips, key=lambda flip: (round(flip.change / EQUAL), len(flip.pixels)))
             equal = [f for f in flips if abs(f.change - best.change) <= EQUAL and len(f.pixels) == len(best.pixels)]
             flips = [flip for flip in flips if not any(flip is other for other in equal)]
-            if any(flip.stale for flip in equal):
-                flips += [again for flip in equal if (again := self._tried(flip.pixels)).change < -EQUAL]
-                continue
-            if len(equal) > 1:  # all or none, so that mirror images stay mirror images
-                best = self._tried(np.unique(np.concatenate([flip.pixels for flip in equal])))
-                if not best.change < -EQUAL:
-                    continue
-            self._make(best.pixels)
-            any_made = True
-            flips = [
-                _Flip(flip.pixels, flip.change, True) for flip in flips if not np.isin(flip.pixels, best.pixels).any()
-            ]
-        return any_made
-
-    def _make(self, pixels: Region) -> None:
-        if self._topology is not None:
-            self._topology.keeps(pixels, make=True)
-        self._value = self._mean(self.solved.after(pixels, keep=True).values)
-        self.flips.append(pixels)
+            # All or none, so that mirror images stay mirror images.
+            pixels = best.pixels if len(equal) == 1 else np.unique(np.concatenate([flip.pixels for flip in equal]))
+            if self._flip(pixels, make=True) < -EQUAL:
+                flips = [flip for flip in flips if not self._touched[flip.pixels].any()]
 
 
 def flipped(mask: NDArray[np.bool_], flips: list[Region]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
@@ -233,22 +273,3 @@ class Topology:
         if kept and not make:
             flat[places] ^= 1
         return kept
-
-
-def _groups(numbers: NDArray[np.int64], facts: NDArray[np.int64]) -> Iterator[list[int]]:
-    """The regions in their order, each once, those of one size and price together: some may be mirror images.
-
-    Args:
-        numbers: (R,) of the regions.
-        facts: (3, R), their code, size and price; the same ones stand together.
-    """
-    different = np.flatnonzero(np.diff(facts, axis=1, prepend=-1).any(axis=0))
-    numbers, facts = numbers[different], facts[:, different]
-    first = np.flatnonzero(np.diff(facts[1:], axis=1, prepend=-1).any(axis=0)).tolist()
-    for begin, end in itertools.pairwise([*first, len(numbers)]):
-        yield numbers[begin:end].tolist()
-
-
-def _sums(values: NDArray[np.int64], proposed: Candidates) -> NDArray[np.int64]:
-    """The sum of the values of the pixels of each region."""
-    return np.diff(np.concatenate([[0], np.cumsum(values[proposed.pixels])])[proposed.begin])

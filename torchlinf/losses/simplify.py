@@ -66,7 +66,7 @@ def simplify(
     weight: float = 10.0,
     threshold: float = 0.5,
     max_flips: int = 256,
-    tries: int = 32,
+    tries: int = 16,
     max_change: float = 0.5,
     keep_topology: bool = False,
     per: Literal["mask", "object"] = "mask",
@@ -77,9 +77,9 @@ def simplify(
 
     It looks for the shape S* that minimises C(S*) + weight * sum of |z| over the pixels that are changed / area of the
     shape. C is the complexity and z the log-odds of a pixel against the threshold. From the thresholded prediction on,
-    the region flip that lowers this most is made, as long as one does. The regions are those of `ShapeComplexityLoss`,
-    of which `tries` are tried at a time, first those that are large for their price; each difference of complexity is
-    exact. What is found is a local minimum, not the least.
+    region flips that lower this are made. The regions are those of `ShapeComplexityLoss`, first those that have much of
+    the complexity near them for their price. Of each eight the best are flipped; each difference of complexity is
+    exact. What is found is close to a local minimum, and not the least.
 
     A network's logits need no training for it. A `weight` that is too small changes what the network is sure of.
 
@@ -90,8 +90,9 @@ def simplify(
         weight: price of log-odds against bits, 0 or more. Choose it on held-out images.
         threshold: a pixel is inside if its probability is greater; in (0, 1).
         max_flips: how many flips a shape (object) may have.
-        tries: regions that are solved before the best is flipped, and that have to be tried in vain for an end: with
-            more of them it finds more, and takes longer.
+        tries: how many regions have to be tried in vain, one after another, for an end: with more of them it finds
+            more, and takes longer. After that, regions are looked for once more if the flips so far have lowered the
+            sum by 1 % or more.
         max_change: share of the area of a shape (object) that may be changed, in (0, 1]. No single flip is of more than
             half of it.
         keep_topology: if True, only flips that consist of simple flips of pixels are made: components (joined through
