@@ -156,7 +156,7 @@ def _check(rule: dict[str, Any]) -> None:
     """Refuse what no mask could be simplified with, before any file is read."""
     import torch
 
-    from torchlinf import simplify as simplify_masks
+    from torchlinf.losses import simplify as simplify_masks
 
     try:
         simplify_masks(torch.zeros(1, 1, dtype=torch.bool), spatial_ndim=2, **rule)
