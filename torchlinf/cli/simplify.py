@@ -14,7 +14,7 @@ from torchlinf.cli.outputs import STATUS, end_if_failed, endings, say
 from torchlinf.cli.progress import cores, progress
 from torchlinf.cli.score_geodata import Crs, Layer, PixelsPerRadius, Repair, Resolution
 from torchlinf.cli.simplify_geodata import simplify_geodata
-from torchlinf.scoring import MAX_PIXELS, Source, is_geodata
+from torchlinf.scoring import MAX_PIXELS, Source
 
 if TYPE_CHECKING:
     from torchlinf.measure import Measure
@@ -93,6 +93,8 @@ def simplify(
     Outlines in one .gpkg, .geojson, .shp or .parquet file are drawn at --resolution, each in its own frame, and written
     to a file of these kinds with their attributes. Sides that are not changed keep their corners.
     """
+    from torchlinf.scoring import is_geodata
+
     if measure.windows is not None:
         raise typer.BadParameter("one window of scales must be given, by --low and --high", param_hint="--window")
     rule: dict[str, Any] = measure.options()
