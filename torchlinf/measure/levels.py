@@ -202,6 +202,7 @@ def refined_estimates(
     solved: Any, number: NDArray[np.int32], measure: Measure
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Values and bounds of the levels of what `solve_shape` gives, which is solved on while a level is in doubt."""
+    solved.check()
     values, bounds = estimates(solved.v, number, solved.shape.radius, solved.bound, measure)
     for tol in _tighter(measure):
         if bounds.max() <= measure.tol_bits or not solved.refine(tol):
