@@ -25,7 +25,7 @@ _listener: Callable[[str], None] | None = None
 @contextmanager
 def told_to(listener: Callable[[str], None]) -> Iterator[None]:
     """Within this context, what a long solve says about how far it is, on any thread, is told to `listener`."""
-    global _listener  # noqa: PLW0603
+    global _listener
     before, _listener = _listener, listener
     try:
         yield

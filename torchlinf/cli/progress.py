@@ -13,7 +13,7 @@ def cores() -> int:
 
 @contextmanager
 def progress(done: int, total: int, shown: bool) -> Iterator[Callable[[], None]]:
-    """A bar on the terminal, with the time so far and what a large mask's solve says; yields what advances it by a step.
+    """A bar on the terminal, with the time so far and what a long solve says; yields what advances it by a step.
 
     Masks that worker processes score say nothing: there are many of them, and the bar moves.
     """

@@ -189,7 +189,7 @@ class PolicyIteration:
         self.residual = max(above, below)
         self.check()
         if self.active_set is not None:
-            tell(f"{self.shape.grid.pixels:,} pixels, error bound {self.bound:.0e}")
+            tell(f"{self.shape.grid.pixels:,} pixels, residual {self.residual:.0e}, to be {self.tol:.0e}")
         return bool(self.bound <= self.tol)
 
     def start_from_coarse(self) -> None:

@@ -162,7 +162,7 @@ def _clear(starts, ends, tiles, columns, residual):  # type: ignore[no-untyped-d
 
 @inlined
 def _raise(values, length, tile, column, residual):  # type: ignore[no-untyped-def]
-    """Raise the largest positive and negative part of the tiles along a run, from its first tile and its column there on."""
+    """Raise the residual of the tiles along a run, which begins in that column of the first, to these values."""
     first = 0
     stop = min(length, COLUMNS - column)
     while first < length:

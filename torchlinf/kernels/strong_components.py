@@ -217,8 +217,8 @@ def solve_members(v, first, stop, chains, up, down, factors, screening):  # type
 def component_rows(v, first, stop, chains, owner, up, factors):  # type: ignore[no-untyped-def]
     """The rows of the component of the pending chains first .. stop, which `owner` is above 0 on.
 
-    Returns the unknowns' pixels; their constants; and weight and index of the two rows that row j depends on, at 2 j and
-    2 j + 1, with index -1 for none. `owner` is overwritten on the unknowns.
+    Returns the unknowns' pixels; their constants; and weight and index of the two rows that row j depends on, at 2 j
+    and 2 j + 1, with index -1 for none. `owner` is overwritten on the unknowns.
     """
     size = 0
     longest = 0
