@@ -80,3 +80,38 @@ def test_interrupts_at_many_moments(mask: Path, tmp_path: Path) -> None:
     assert run(app, ["score", str(tmp_path), "--out", str(tmp_path / "scores.csv")]).exit_code == 0
     rows = [sorted((tmp_path / name).read_text().splitlines()) for name in ("whole.csv", "scores.csv")]
     assert [len(one) for one in rows] == [402, 402]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal as POSIX does")
+@pytest.mark.slow
+def test_an_interrupt_ends_the_solve_of_a_large_mask_within_a_second() -> None:
+    """At three moments of a solve of 4096 x 4000 pixels; in processor time, whatever else the machine does."""
+    script = """
+import os, signal, threading, time
+import numpy as np, torch, torchlinf
+signal.signal(signal.SIGINT, signal.default_int_handler)
+torch.set_num_threads(1)
+y, x = np.ogrid[:4096, :4000]
+mask = torch.from_numpy(np.sin(x / 97) + np.sin(y / 61) + np.sin((x + 2 * y) / 130) > 0.2)
+torchlinf.complexity(mask[:1000, :900], spatial_ndim=2)
+for moment in (0.2, 1.0, 2.0):
+    sent = []
+    def send():
+        until = time.process_time() + moment
+        while time.process_time() < until:
+            time.sleep(0.01)
+        sent.append(time.process_time())
+        os.kill(os.getpid(), signal.SIGINT)
+    thread = threading.Thread(target=send)
+    try:
+        thread.start()
+        torchlinf.complexity(mask, spatial_ndim=2)
+        thread.join()
+    except KeyboardInterrupt:
+        print(time.process_time() - sent[0])
+"""
+    environment = {**os.environ, "PYTHONPATH": str(Path(torchlinf.__file__).parents[1])}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    late = [float(line) for line in done.stdout.split()]
+    assert len(late) == 3, done.stdout
+    assert max(late) < 1.0

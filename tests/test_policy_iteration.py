@@ -98,11 +98,13 @@ def test_distance_kernel_equals_scipy(ndim: int) -> None:
         assert np.array_equal(chessboard_of(grid.make_grid(padded)).reshape(padded.shape), expected)
 
 
-@pytest.mark.parametrize(("side", "unknowns"), [(5, 10), (160, 10_000)])
-def test_components_that_are_no_chain_are_solved(side: int, unknowns: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("side", "far", "unknowns"), [(5, False, 10), (160, False, 10_000), (40, True, 1_000)])
+def test_components_that_are_no_chain_are_solved(
+    side: int, far: bool, unknowns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Random policies tie pixels into large cycles; the solution must satisfy every single equation.
 
-    The small case is solved by elimination alone, the large one by BiCGStab too.
+    Where neighbours are pixels beside each other, elimination alone solves them; where they are any pixels, BiCGStab.
 
     Up only ever increases (here the index, in a solve the value), or a chain would close on itself.
     """
@@ -114,10 +116,13 @@ def test_components_that_are_no_chain_are_solved(side: int, unknowns: int, monke
     system = policy_system.PolicySystem(geometry, 0.01)
     system.up[inside] = inside + rng.choice(geometry.block[geometry.block > 0], inside.size)
     system.down[inside] = inside + rng.choice(geometry.block[geometry.block != 0], inside.size)
+    if far:
+        system.up[inside[:-1]] = inside[rng.integers(np.arange(1, inside.size), inside.size)]
+        system.down[inside[1:]] = inside[rng.integers(0, np.arange(1, inside.size))]
     iterated = []
     monkeypatch.setattr(strong_components, "bicgstab", lambda *given: iterated.append(1) or bicgstab(*given))
-    assert system.solve(v, 1e-13) >= unknowns
-    assert bool(iterated) == (side == 160)
+    assert system.solve(v, 1e-13, lambda: None) >= unknowns
+    assert bool(iterated) == far
     assert not system._owner.any()
     left = 2.01 * v - v[system.up] - v[system.down]
     assert np.abs(left[inside] - 1).max() < 1e-9
@@ -161,32 +166,53 @@ def test_chain_with_a_peak_is_the_profile_of_a_square() -> None:
     np.testing.assert_allclose(v[1 : length + 1], field.value[:length].numpy(), rtol=1e-10)
 
 
-def rows_of_component(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Rows x = a + b x_i + c x_k of which about half depend on later rows, or on themselves."""
-    rng = np.random.default_rng(0)
+def random_rows(size: int, reach: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows x = a + b x_i + c x_k that depend on rows at most `reach` away, on themselves, or twice on the same one."""
+    rng = np.random.default_rng(seed)
+    rows = np.arange(size)[:, None] + rng.integers(-reach, reach + 1, (size, 2))
+    rows[(rows < 0) | (rows >= size)] = -1
+    rows[rng.random(size) < 0.1, 1] = -1
+    twice = rng.random(size) < 0.1
+    rows[twice, 0] = rows[twice, 1]
     weight = rng.random((size, 2)) * 0.49
-    rows = rng.integers(-1, size, (size, 2))
     weight[rows < 0] = 0
+    return rng.random(size), weight, rows
+
+
+@pytest.mark.parametrize(("size", "reach"), [(1, 1), (2, 1), (40, 3), (300, 5), (35, 40)])
+def test_elimination_solves_the_rows_of_a_component(size: int, reach: int) -> None:
+    for seed in range(20):
+        constant, weight, rows = random_rows(size, reach, seed)
+        matrix = np.eye(size)
+        for j in range(size):
+            for i, share in zip(rows[j], weight[j], strict=True):
+                matrix[j, i] -= share  # row -1 has a weight of 0
+        expected = np.linalg.solve(matrix, constant)
+        assert strong_components.eliminate(constant, weight.reshape(-1), rows.reshape(-1))
+        np.testing.assert_allclose(constant, expected, rtol=1e-11)
+
+
+def test_elimination_without_room_changes_nothing_and_bicgstab_takes_over() -> None:
+    """What each of a thousand rows depends on is random, so that elimination would fill most of the matrix."""
+    size = 1000
+    rng = np.random.default_rng(0)
+    rows, weight, constant = rng.integers(0, size, (size, 2)), rng.random((size, 2)) * 0.49, rng.random(size)
+    given = constant.copy()
+    assert not strong_components.eliminate(constant, weight.reshape(-1), rows.reshape(-1))
+    assert np.array_equal(constant, given)
     index, feedback = rows.reshape(-1).copy(), np.empty(size, np.int64)
     feedback = feedback[: strong_components.find_feedback(index, feedback)]
     assert set(feedback) == {i for j in range(size) for i in rows[j] if i >= j}
-    return rng.random(size), weight, rows, index, feedback
-
-
-def test_elimination_and_bicgstab_solve_the_rows_of_a_component() -> None:
-    constant, weight, rows, index, feedback = rows_of_component(40)
-    z, x = np.empty(feedback.size), np.empty(feedback.size + 40)
-    strong_components.eliminate(constant, weight.reshape(-1), index, feedback, z, x)
-    strong_components.substitute(1.0, constant, weight.reshape(-1), index, z, x)
-    found = x[feedback.size :].copy()
-    np.testing.assert_allclose(found, constant + (weight * found[rows]).sum(1), rtol=1e-12)
+    x = np.empty(feedback.size + size)
 
     def passed(share: float, z: np.ndarray) -> np.ndarray:
         strong_components.substitute(share, constant, weight.reshape(-1), index, z, x)
         return x[feedback.size + feedback]
 
-    iterated = bicgstab(lambda y: y - passed(0.0, y), passed(1.0, 0 * z), 1e-13, 1000, lambda y: y)
-    np.testing.assert_allclose(iterated, found[feedback], rtol=1e-10)
+    z = bicgstab(lambda y: y - passed(0.0, y), passed(1.0, np.zeros(feedback.size)), 1e-13, 1000, lambda y: y)
+    passed(1.0, z)
+    found = x[feedback.size :]
+    np.testing.assert_allclose(found, constant + (weight * found[rows]).sum(1), rtol=1e-10)
 
 
 def test_profiles_agree_with_the_torch_path() -> None:

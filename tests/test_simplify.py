@@ -214,6 +214,18 @@ def test_objects_are_simplified_alone_and_never_touch() -> None:
     assert float(found.after) == pytest.approx(np.mean(values))
 
 
+def test_hundreds_of_objects_stay_apart() -> None:
+    probability = blobs(1, 96, 120, seed=9, smooth=1.0)[0]
+    labels, count = ndimage.label((probability > 0.9).numpy(), np.ones((3, 3)))
+    assert count > 150
+    found = simplify(probability, threshold=0.9, weight=1.0, tries=4, per="object", spatial_ndim=2)
+    after, _ = ndimage.label(found.mask.numpy(), np.ones((3, 3)))
+    assert int(found.num_flips) > 10
+    assert float(found.after) < float(found.before)
+    for number in range(1, after.max() + 1):  # what is connected is of one object, or of none any more
+        assert len(set(labels[after == number]) - {0}) <= 1
+
+
 def test_arguments_are_checked() -> None:
     mask = torch.ones(6, 7, dtype=torch.bool)
     with pytest.raises(ValueError, match="keep_topology"):

@@ -39,7 +39,7 @@ def test_a_slanted_rectangle_becomes_clean_and_nothing_else_changes(kind: str, d
     assert torch.equal(found.mask, clean)
     assert torch.equal(found.flip_number > 0, different)
     assert float(found.cost) == int(different.sum())
-    assert int(found.num_flips) == 1
+    assert int(found.num_flips) >= 1
 
 
 def test_a_known_angle_and_a_grid_that_is_not_turned() -> None:

@@ -4,6 +4,7 @@ import os
 import re
 import sys
 import threading
+import time
 from io import BufferedWriter, FileIO, TextIOWrapper
 from pathlib import Path
 
@@ -12,10 +13,12 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from torchlinf import Measure, complexity_profile, shapes
+from torchlinf import Measure, complexity_profile, shapes, solve_field
+from torchlinf._helpers import parallel
 from torchlinf._helpers.terminal import printable
 from torchlinf.cli import app, main
 from torchlinf.cli.order_table import print_order
+from torchlinf.cli.progress import progress
 from torchlinf.order import dominance
 from torchlinf.scoring import COLUMNS, WINDOWS, Score, print_table, read_table, write_table
 
@@ -213,3 +216,37 @@ def test_names_of_any_width_and_any_windows(
     assert "面面" in out
     assert "a window with a long name 0" in out
     assert r"failed b.png: x\x1by" in out
+
+
+def test_the_bar_shows_what_a_long_solve_says(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")  # what rich takes for a terminal
+    monkeypatch.setenv("COLUMNS", "120")
+    with progress(0, 2, shown=True) as advance:
+        parallel.tell("4,711 pixels, residual 3e-02")
+        time.sleep(0.3)  # the bar is drawn ten times a second
+        advance()
+        time.sleep(0.3)
+    parallel.tell("nobody listens any more")
+    told = capsys.readouterr().err
+    assert "4,711 pixels, residual 3e-02" in told
+    assert "4,711" not in told[told.rindex("1/2") :]  # another mask has begun
+    assert "nobody" not in told
+
+
+def test_without_a_terminal_nothing_is_told(capsys: pytest.CaptureFixture) -> None:
+    with progress(0, 2, shown=True) as advance:
+        parallel.tell("4,711 pixels, residual 3e-02")
+        advance()
+    assert capsys.readouterr().err == ""
+
+
+def test_the_solve_of_a_large_shape_says_how_far_it_is() -> None:
+    said: list[str] = []
+    mask = shapes.disc(160)
+    with parallel.told_to(said.append):
+        solve_field(mask, spatial_ndim=2)
+    assert len(said) >= 3  # before, after and in between solves
+    assert all(text.startswith(f"{int(mask.sum()):,} pixels, residual ") for text in said)
+    count = len(said)
+    solve_field(mask, spatial_ndim=2)
+    assert len(said) == count

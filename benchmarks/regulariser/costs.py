@@ -1,4 +1,4 @@
-"""What gradients cost: `python -m benchmarks.regulariser.costs [--rounds 7]`; prints Markdown tables."""
+"""What gradients and `simplify` cost: `python -m benchmarks.regulariser.costs [--rounds 7]`; prints Markdown tables."""
 
 import argparse
 import statistics
@@ -14,6 +14,8 @@ import torchlinf
 from benchmarks.probes import peak_of
 from benchmarks.regulariser.families import random_shapes
 from torchlinf.losses import ShapeComplexityLoss
+from torchlinf.losses.region_flips import candidates, select
+from torchlinf.measure import Measure, SolvedShape
 
 Function = Callable[[Tensor], Tensor]
 
@@ -98,6 +100,40 @@ def step(max_flips: int, rounds: int) -> tuple[float, float]:
     return statistics.median(processor), min(clock)
 
 
+def doubtful(count: int = 4, side: int = 128) -> Tensor:
+    """(count, side, side) probabilities: smooth random blobs, in doubt along their edges."""
+    noise = torch.randn(count, 1, side, side, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    for _ in range(6):
+        noise = torch.nn.functional.avg_pool2d(noise, 5, 1, 2)
+    return torch.sigmoid(4 * noise / noise.std())[:, 0]
+
+
+def simplified(tries: int) -> tuple[float, float]:
+    """`simplify` to its end: processor seconds a shape, and the mean of what it lowers, complexity and price."""
+    probability, weight = doubtful(), 10.0
+    began = time.process_time()
+    found = torchlinf.simplify(probability, weight=weight, tries=tries, spatial_ndim=2)
+    seconds = (time.process_time() - began) / len(probability)
+    area = (probability > 0.5).flatten(1).sum(dim=1)
+    return seconds, float((found.after + weight * found.cost / area).mean())
+
+
+def flip_against_solve(rounds: int) -> Iterator[float]:
+    """Processor time of a flip in parts of that of a complete solve, for the flips of the loss."""
+    inside = doubtful() > 0.5
+    proposed = candidates(inside.double(), 0.5, 16)
+    for mask, regions in zip(inside.numpy(), select(inside, proposed, 16), strict=True):
+        shape, solves = SolvedShape(mask, Measure()), []
+        for _ in range(rounds):
+            began = time.process_time()
+            SolvedShape(mask, Measure())
+            solves.append(time.process_time() - began)
+        for region in regions:
+            began = time.process_time()
+            shape.after(region)
+            yield (time.process_time() - began) / statistics.median(solves)
+
+
 def main() -> None:
     """Memory in processes of their own: freed memory that is used again does not show."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.regulariser.costs", description=__doc__)
@@ -118,6 +154,12 @@ def main() -> None:
         for name, function, leaf in fields(side):
             forward, backward, quotient = ratio(function, leaf, rounds)
             print(f"| {name} | {side} | {forward:.3f} | {backward:.3f} | {quotient:.2f} |", flush=True)
+    print("\n| `simplify`, 128 x 128, one thread | processor ms a shape | complexity and price |\n|---|---|---|")
+    simplified(1)  # loads the kernels
+    for tries in (4, 8, 16, 32):
+        seconds, objective = simplified(tries)
+        print(f"| tries={tries} | {1000 * seconds:.0f} | {objective:.3f} |", flush=True)
+    print(f"\nA flip takes {statistics.median(flip_against_solve(rounds)):.2f} times a complete solve (median).")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,24 @@ class Cancelled(Exception):
 
 
 _scope = threading.local()
+_listener: Callable[[str], None] | None = None
+
+
+@contextmanager
+def told_to(listener: Callable[[str], None]) -> Iterator[None]:
+    """Within this context, what a long solve says about how far it is, on any thread, is told to `listener`."""
+    global _listener
+    before, _listener = _listener, listener
+    try:
+        yield
+    finally:
+        _listener = before
+
+
+def tell(text: str) -> None:
+    """Say how far a long solve is, to whoever listens."""
+    if _listener is not None:
+        _listener(text)
 
 
 @contextmanager

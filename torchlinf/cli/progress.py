@@ -13,15 +13,35 @@ def cores() -> int:
 
 @contextmanager
 def progress(done: int, total: int, shown: bool) -> Iterator[Callable[[], None]]:
-    """A bar on the terminal; yields what advances it by a step."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    """A bar on the terminal, with the time so far and what a long solve says; yields what advances it by a step.
 
-    columns = (TextColumn("scoring"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    Masks that worker processes score say nothing: there are many of them, and the bar moves.
+    """
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    from torchlinf._helpers.parallel import told_to  # which imports torch
+
+    columns = (
+        TextColumn("scoring"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[solve]}"),
+    )
     console = Console(stderr=True)
     if not (shown and console.is_terminal):  # a disabled Progress of rich before 14.3 prints an empty line
         yield lambda: None
         return
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("scoring", total=total, completed=done)
-        yield lambda: progress.advance(task)
+        task = progress.add_task("scoring", total=total, completed=done, solve="")
+        with told_to(lambda text: progress.update(task, solve=text)):
+            yield lambda: progress.update(task, advance=1, solve="")

@@ -12,13 +12,13 @@ import numpy as np
 import torch
 
 from torchlinf._helpers.boxes import bounding_box
-from torchlinf._helpers.parallel import for_each
+from torchlinf._helpers.parallel import for_each, tell
 from torchlinf.field.certificate import RESOLUTION
 from torchlinf.field.problem import Problem
 from torchlinf.field.solution import FieldSolution, Status
 from torchlinf.kernels import coarse_grid, distance, grid, stencil
 from torchlinf.kernels.active_set import ActiveSet
-from torchlinf.kernels.chains import square_profile
+from torchlinf.kernels.chains import look_up, square_profile
 from torchlinf.kernels.policy_system import PolicySystem
 
 SWEEPS = 40  # a sweep costs 3^(n-1) rows, a solve the same in all dimensions: so many sweeps by n between two solves,
@@ -65,7 +65,8 @@ def solve_shape(mask: np.ndarray, rho: float | None, tol: float, check: Callable
         mask: bool, any box that holds the shape; the smallest one is the quickest.
         rho: screening length in pixels; None means the radius.
         tol: relative error to certify.
-        check: called before each linear solve, so that it can end the solve by an exception.
+        check: called every now and then, on large shapes at least each second, so that it can end the solve by an
+            exception.
 
     Returns:
         The finished solve. `v` and `shape.distance` are flat, on the padded grid.
@@ -117,7 +118,8 @@ class PolicyIteration:
         self.shape = shape
         self.check = check
         self.limit = 20_000 + 200 * shape.radius if max_sweeps is None else max_sweeps
-        self.v = shape.profile[shape.distance]
+        self.v = np.zeros(shape.distance.size)
+        look_up(shape.profile, shape.distance, shape.grid.starts, shape.grid.ends, self.v)
         self.buffer = np.empty((4, shape.grid.shape[-1]))
         self.active_set = ActiveSet(shape.grid) if shape.grid.pixels >= LARGE else None
         self.finest = RESOLUTION * np.finfo(np.float64).eps * float(shape.profile[-1])
@@ -178,21 +180,16 @@ class PolicyIteration:
 
     def certify(self) -> bool:
         """Bound the error of v; True once it is within the tolerance."""
-        if self.active_set is not None:
-            self.active_set.select_all()
-            return self.update_in(self.active_set)
         self.num_sweeps += 1
-        return self.update_bound(*stencil.residual_bounds(*self.stencil, self.shape.screening, None, self.buffer))
-
-    def update_in(self, active_set: ActiveSet) -> bool:
-        """The same where v has changed in the selected tiles only."""
-        self.num_sweeps += active_set.share
-        return self.update_bound(*active_set.update_bound(self.v, self.shape.screening, self.buffer))
-
-    def update_bound(self, above: float, below: float) -> bool:
-        """The bound from the largest positive and negative part of the residual."""
+        if self.active_set is not None:
+            above, below = self.active_set.update_bound(self.v, self.shape.screening, self.buffer)
+        else:
+            above, below = stencil.residual_bounds(*self.stencil, self.shape.screening, None, self.buffer)
         self.bound = max(above, below) if above < 1 else np.inf
         self.residual = max(above, below)
+        self.check()
+        if self.active_set is not None:
+            tell(f"{self.shape.grid.pixels:,} pixels, residual {self.residual:.0e}, to be {self.tol:.0e}")
         return bool(self.bound <= self.tol)
 
     def start_from_coarse(self) -> None:
@@ -215,7 +212,6 @@ class PolicyIteration:
         count, idle = max(SWEEPS // len(self.shape.grid.shape), self.shape.radius // 8), 0
         best = np.inf
         while self.sweeps() + 2 <= self.limit:
-            self.check()
             count = min(count, self.limit - self.sweeps() - 1)
             if self.relax(count) or self.sweeps() + 1 > self.limit:
                 break
@@ -231,25 +227,24 @@ class PolicyIteration:
         """One linear solve of the policies that v chooses."""
         tie = max(TIE * float(self.shape.profile[-1]), NOISE * self.residual)
         stencil.choose_policies(*self.stencil, tie, system.up, system.down, self.buffer)
-        system.solve(self.v, max(NOISE * self.residual, 1e-13 * float(self.shape.profile[-1])))
+        system.solve(self.v, max(NOISE * self.residual, 1e-13 * float(self.shape.profile[-1])), self.check)
         self.num_solves += 1
 
     def relax(self, count: int) -> bool:
         """Sweep `count` times, on large shapes only where v changes, and oftener if cheap; True once certified."""
-        active_set, (v, *whole, rows) = self.active_set, self.stencil
-        weight = 1.0 / (2.0 + self.shape.screening)
+        active_set, weight = self.active_set, 1.0 / (2.0 + self.shape.screening)
         if active_set is None:
-            stencil.sweep(v, *whole, rows, weight, None, count, self.buffer)
+            stencil.sweep(*self.stencil, weight, None, count, self.buffer)
             self.num_sweeps += count
             return self.certify()
         done, before = 0, self.num_sweeps
         while (done < count or self.num_sweeps - before < WORK) and self.num_sweeps + 3 <= self.limit:
             active_set.select(AT_REST * self.residual)
             burst = min(BURST, int((self.limit - self.num_sweeps - 2) / active_set.share))
-            stencil.sweep(v, active_set.starts, active_set.ends, rows, weight, None, burst, self.buffer)
+            self.check()
+            self.residual = active_set.sweep(self.v, weight, burst, self.buffer)
             done += burst
             self.num_sweeps += burst * active_set.share
-            active_set.widen()
-            if self.update_in(active_set):
+            if self.residual <= self.tol and self.certify():
                 return True
         return False

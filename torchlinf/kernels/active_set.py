@@ -1,7 +1,8 @@
 """Where the field still changes: the residual of every tile of the grid, and the runs in the tiles that need sweeps.
 
 After a linear solve the residual is zero to rounding but for a few places whose policies were wrong. To sweep those
-alone costs what they are worth, and what was swept or stands beside it is all that has to be looked at again.
+alone costs what they are worth. How far the last of some sweeps has moved a tile says, well enough to choose where to
+sweep next, what is left there; only the certificate needs the residual itself, of the whole shape.
 """
 
 import math
@@ -9,7 +10,7 @@ import math
 import numpy as np
 
 from torchlinf.kernels import stencil
-from torchlinf.kernels.compiler import kernel
+from torchlinf.kernels.compiler import inlined, kernel
 from torchlinf.kernels.grid import Grid, block_offsets, row_strides
 
 COLUMNS = 32  # a tile's side along the rows: long enough for vector instructions
@@ -37,33 +38,27 @@ class ActiveSet:
         self._whole = np.empty((4, grid.starts.size), np.int64)
         capacity = _place_runs(grid.starts, grid.ends, grid.strides, sides, np.array(strides), self._whole)
         self._pieces = np.empty((4, capacity), np.int64)
-        self.select_all()
-
-    def select_all(self) -> None:
-        """Select the whole shape."""
         self._select(self._whole, 1.0)
 
     def select(self, threshold: float) -> None:
         """Select the tiles with a residual above the threshold, and those beside them."""
         _choose(self._residual, threshold, self._block, self._chosen)
-        self._select_chosen()
-
-    def widen(self) -> None:
-        """Select the tiles beside the selection too."""
-        _dilate(np.flatnonzero(self._chosen), self._chosen, self._block)
-        self._select_chosen()
-
-    def update_bound(self, v: np.ndarray, screening: float, buffer: np.ndarray) -> tuple[float, float]:
-        """Measure the residual of v in the selection; return the bounds over the whole shape.
-
-        What is not selected must have kept its residual since it was last measured.
-        """
-        _measure(v, *self._runs, self._grid.rows, screening, buffer, self._residual)
-        return float(self._residual[0].max()), float(self._residual[1].max())
-
-    def _select_chosen(self) -> None:
         count, pixels = _collect(self._chosen, self._whole, self._pieces)
         self._select(self._pieces[:, :count], pixels / self._grid.pixels)
+
+    def sweep(self, v: np.ndarray, weight: float, count: int, buffer: np.ndarray) -> float:
+        """Sweep the selection `count` times; returns the largest residual of all tiles, here taken from the last sweep.
+
+        v <- v + w R(v): so the last move of each pixel, divided by w, stands for the residual.
+        """
+        stencil.sweep(v, self.starts, self.ends, self._grid.rows, weight, None, count - 1, buffer)
+        _sweep_and_measure(v, *self._runs, self._grid.rows, weight, buffer, self._residual)
+        return float(self._residual.max())
+
+    def update_bound(self, v: np.ndarray, screening: float, buffer: np.ndarray) -> tuple[float, float]:
+        """Measure the residual of v in the whole shape; returns its largest positive and negative part."""
+        _measure(v, *self._whole, self._grid.rows, screening, buffer, self._residual)
+        return float(self._residual[0].max()), float(self._residual[1].max())
 
     def _select(self, runs: np.ndarray, share: float) -> None:
         self._runs = tuple(runs)
@@ -104,15 +99,6 @@ def _choose(residual, threshold, block, chosen):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _dilate(marked, chosen, block):  # type: ignore[no-untyped-def]
-    """Mark the neighbours of the tiles `marked`."""
-    for tile in marked:
-        for offset in block:
-            if 0 <= tile + offset < chosen.size:  # the ring of tiles may be marked, and has no pixels
-                chosen[tile + offset] = True
-
-
-@kernel
 def _collect(chosen, whole, pieces):  # type: ignore[no-untyped-def]
     """Cut the runs to the marked tiles; returns how many pieces and pixels are left."""
     count = 0
@@ -143,24 +129,50 @@ def _collect(chosen, whole, pieces):  # type: ignore[no-untyped-def]
 @kernel
 def _measure(v, starts, ends, tiles, columns, rows, screening, buffer, residual):  # type: ignore[no-untyped-def]
     """Set the largest positive and negative part of R(v) of all tiles that the runs touch."""
+    _clear(starts, ends, tiles, columns, residual)
+    for run in range(starts.size):
+        stencil.row_residuals(v, starts[run], ends[run] - starts[run], rows, screening, None, buffer)
+        _raise(buffer[2], ends[run] - starts[run], tiles[run], columns[run], residual)
+
+
+@kernel
+def _sweep_and_measure(v, starts, ends, tiles, columns, rows, weight, buffer, residual):  # type: ignore[no-untyped-def]
+    """Sweep the runs once, and set what it moves v by, divided by the weight, as the residual of their tiles."""
+    _clear(starts, ends, tiles, columns, residual)
+    moved = buffer[2]
+    for run in range(starts.size):
+        length = ends[run] - starts[run]
+        values = v[starts[run] : ends[run]]
+        stencil.row_update(v, starts[run], length, rows, weight, buffer)
+        for j in range(length):
+            value = moved[j]
+            moved[j] = (value - values[j]) / weight
+            values[j] = value
+        _raise(moved, length, tiles[run], columns[run], residual)
+
+
+@inlined
+def _clear(starts, ends, tiles, columns, residual):  # type: ignore[no-untyped-def]
+    """Set the residual of all tiles that the runs touch to 0."""
     for run in range(starts.size):
         last = tiles[run] + (columns[run] + ends[run] - starts[run] - 1) // COLUMNS
         for tile in range(tiles[run], last + 1):
             residual[0, tile] = residual[1, tile] = 0.0
-    for run in range(starts.size):
-        length = ends[run] - starts[run]
-        stencil.row_residuals(v, starts[run], length, rows, screening, None, buffer)
-        tile = tiles[run]
-        first = 0
-        stop = min(length, COLUMNS - columns[run])
-        while first < length:
-            above = residual[0, tile]
-            below = residual[1, tile]
-            for j in range(first, stop):
-                above = max(above, buffer[2, j])
-                below = max(below, -buffer[2, j])
-            residual[0, tile] = above
-            residual[1, tile] = below
-            tile += 1
-            first = stop
-            stop = min(length, stop + COLUMNS)
+
+
+@inlined
+def _raise(values, length, tile, column, residual):  # type: ignore[no-untyped-def]
+    """Raise the residual of the tiles along a run, which begins in that column of the first, to these values."""
+    first = 0
+    stop = min(length, COLUMNS - column)
+    while first < length:
+        above = residual[0, tile]
+        below = -residual[1, tile]
+        for j in range(first, stop):
+            above = max(above, values[j])
+            below = min(below, values[j])
+        residual[0, tile] = above
+        residual[1, tile] = -below
+        tile += 1
+        first = stop
+        stop = min(length, stop + COLUMNS)

@@ -53,6 +53,14 @@ def _fill_profile(profile, factors):  # type: ignore[no-untyped-def]
         profile[k] = value
 
 
+@kernel
+def look_up(profile, distance, starts, ends, v):  # type: ignore[no-untyped-def]
+    """v = profile[distance] on the runs; pages of v without any stay untouched."""
+    for run in range(starts.size):
+        for x in range(starts[run], ends[run]):
+            v[x] = profile[distance[x]]
+
+
 @inlined
 def solve_chain(v, head, last, length, up, down, factors, screening):  # type: ignore[no-untyped-def]
     """Solve one chain in place, given the values at the two pixels that it depends on.

@@ -10,6 +10,7 @@ Unsolved values are negative: so one look at a neighbour tells whether its value
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -22,6 +23,7 @@ _SOLVED = -1
 _ON_PATH = -1
 _RUN, _HEIGHT = range(2)  # places of `state`: the run that is being solved, and how many pixels are on the path
 _BEGIN = -1  # height before the first call
+_PART = 2**22  # pixels that are solved, in fractions of a second, before Ctrl-C is looked for
 
 
 class PolicySystem:
@@ -31,31 +33,39 @@ class PolicySystem:
         """Allocate for a grid."""
         self.grid = grid
         size = math.prod(grid.shape)
-        # One piece of memory, which the system is slow to give: a C library that gets back so large a one keeps as much
-        # for the next shape.
-        memory = np.empty(3 * size + (ROWS + 1) * grid.pixels, np.int32)
-        memory[: 3 * size] = 0
-        self.up, self.down, self._owner = memory[: 3 * size].reshape(3, size)
+        # zeroed by the system page by page, and only where pages are used: rows without inside pixels cost nothing
+        self.up, self.down, self._owner = np.zeros((3, size), np.int32)
         # chain by chain, since few are open at a time: the rest of this memory is never touched
-        self._chains = memory[3 * size : -grid.pixels].reshape(grid.pixels, ROWS).T
+        memory = np.empty((ROWS + 1) * grid.pixels, np.int32)
+        self._chains = memory[: -grid.pixels].reshape(grid.pixels, ROWS).T
         self._path = memory[-grid.pixels :]
         self._screening = screening
         self._factors = chain_factors(grid.pixels, screening)
+        self._stops = [grid.starts.size]  # runs before which to look for Ctrl-C
+        if grid.pixels > _PART:
+            before = np.cumsum(grid.ends - grid.starts)
+            self._stops[:0] = np.searchsorted(before, np.arange(_PART, before[-1], _PART)).tolist()
 
-    def solve(self, v: np.ndarray, tol: float) -> int:
+    def solve(self, v: np.ndarray, tol: float, check: Callable[[], None]) -> int:
         """Overwrite v with the solution for the present policies.
 
-        Components with many feedback vertices are solved to `tol`, all else exactly. Returns the number of unknowns in
-        components that were no chain.
+        Components that elimination has no room for are solved to `tol`, all else exactly. `check` is called every now
+        and then; if it raises, v and the system are left unfinished. Returns the number of unknowns in components that
+        were no chain.
         """
         unknowns = 0
-        state = np.array([0, _BEGIN])
-        # A cycle is solved outside the kernel: a kernel that contains another is compiled with all of it once more.
-        while follow_chains(
-            v, self.grid.starts, self.grid.ends, self.up, self.down, self._factors, self._screening, self._owner,
-            self._path, state,
-        ):  # fmt: skip
-            unknowns += self.solve_cycle(v, state, tol)
+        starts, ends = self.grid.starts, self.grid.ends
+        unsolve(v, starts, ends)
+        state = np.zeros(2, np.int64)
+        for stop in self._stops:
+            check()
+            # A cycle is solved outside the kernel: a kernel that contains another is compiled with all of it once more.
+            while follow_chains(
+                v, starts[:stop], ends[:stop], self.up, self.down, self._factors, self._screening, self._owner,
+                self._path, state,
+            ):  # fmt: skip
+                unknowns += self.solve_cycle(v, state, tol)
+            state[_RUN], state[_HEIGHT] = stop, 0
         return unknowns
 
     def solve_cycle(self, v: np.ndarray, state: np.ndarray, tol: float) -> int:
@@ -72,6 +82,15 @@ class PolicySystem:
 
 
 @kernel
+def unsolve(v, starts, ends):  # type: ignore[no-untyped-def]
+    """Make all values negative: none is solved."""
+    for run in range(starts.size):
+        values = v[starts[run] : ends[run]]
+        for j in range(values.size):
+            values[j] = -values[j]
+
+
+@kernel
 def follow_chains(v, starts, ends, up, down, factors, screening, owner, path, state):  # type: ignore[no-untyped-def]
     """Solve chain by chain; returns whether this stopped at a cycle, which the last pixel of `path` is part of.
 
@@ -81,10 +100,7 @@ def follow_chains(v, starts, ends, up, down, factors, screening, owner, path, st
     height = state[_HEIGHT]
     if height == _BEGIN:
         height = 0
-        for run in range(starts.size):
-            values = v[starts[run] : ends[run]]
-            for j in range(values.size):
-                values[j] = -values[j]
+        unsolve(v, starts, ends)
     while height > 0 and v[path[height - 1]] >= 0.0:
         height -= 1
     for run in range(state[_RUN], starts.size):

@@ -58,6 +58,17 @@ def sweep(v, starts, ends, rows, weight, weights, num_sweeps, buffer):  # type: 
 
 
 @inlined
+def row_update(v, start, length, rows, weight, buffer):  # type: ignore[no-untyped-def]
+    """What a sweep makes of one run, w (M v + N v + 1), into buffer[2]."""
+    high, low, values = buffer[0], buffer[1], buffer[2]
+    _row_extrema(v, rows, start - 1, length + 2, high, low)
+    for j in range(length):
+        most = max(max(high[j], high[j + 1]), high[j + 2])
+        least = min(min(low[j], low[j + 1]), low[j + 2])
+        values[j] = (most + least + 1.0) * weight
+
+
+@inlined
 def row_residuals(v, start, length, rows, screening, screenings, buffer):  # type: ignore[no-untyped-def]
     """R(v) = (M v - v) - (v - N v) + (1 - s v) on one run, into buffer[2].
 

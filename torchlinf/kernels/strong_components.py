@@ -2,10 +2,12 @@
 
 Components are taken dependencies first. One that is a single chain is solved as such. Of the others each chain's
 pixels are affine in the two pixels it depends on. Only those that are depended upon inside the component are unknowns,
-with rows x = a + b x(below) + c x(above). Taken in the order in which the depth-first search left their chains, nearly
-all rows depend on rows before them; the rows that others before them, or they themselves, depend on are the feedback
-vertices. For given values of these one pass gives all unknowns, and with them the feedback anew, z -> P z + q: so the
-feedback alone is left to be solved for, a few where the unknowns are thousands.
+with rows x = a + b x(below) + c x(above). They are eliminated one by one, those first that leave the fewest numbers
+behind: nearly always that is a few operations an unknown.
+
+Where it is not, the rows are taken in the order in which the depth-first search left their chains: nearly all depend on
+rows before them, and those that others before them, or they themselves, depend on are the feedback vertices. For given
+values of these one pass gives all unknowns, and with them the feedback anew, z -> P z + q, which BiCGStab solves.
 
 A chain is named by its place on Tarjan's stack, so that what is known of it lives in the few arrays that are in cache.
 Values below 0 are unsolved, as in `policy_system`.
@@ -28,7 +30,7 @@ _LOOP = 4  # added to VISITED for every dependency of a chain on itself
 # component that the caller has to solve.
 HEIGHT, PENDING, CHAIN, MEMBERS = range(4)
 
-DENSE = 48  # feedback vertices up to which elimination beats BiCGStab
+ROOM = 8  # numbers a row that elimination may need at a time; what needs more is left to BiCGStab
 _ITERATIONS = 1000  # rarely needed, but a component left inexact ties its pixels into still larger ones next time
 
 
@@ -45,8 +47,8 @@ def solve_cycle(
 ) -> int:
     """Solve a pixel and all it depends on, in place; returns the number of unknowns in components that were no chain.
 
-    Components with more than `DENSE` feedback vertices are solved to `tol`, all others exactly. `owner` is 0 or less
-    at what is unsolved, and 0 at what this has solved; `chains`, (ROWS, pixels), is scratch.
+    Components that elimination has no room for are solved to `tol`, all others exactly. `owner` is 0 or less at what
+    is unsolved, and 0 at what this has solved; `chains`, (ROWS, pixels), is scratch.
     """
     search = np.zeros(4, np.int64)
     unknowns = 0
@@ -70,9 +72,10 @@ def _iterate(
     constant: np.ndarray,
     weight: np.ndarray,
     index: np.ndarray,
-    feedback: np.ndarray,
 ) -> None:
     """Set v on the unknowns of a component by BiCGStab for its feedback vertices."""
+    feedback = np.empty(target.size, np.int64)
+    feedback = feedback[: find_feedback(index, feedback)]
     x = np.empty(feedback.size + target.size)
 
     def passed(share: float, z: np.ndarray) -> np.ndarray:
@@ -87,7 +90,7 @@ def _iterate(
 
 @kernel
 def search_components(v, root, up, down, factors, screening, owner, chains, search):  # type: ignore[no-untyped-def]
-    """Solve the components that `root` depends on, until one has more than `DENSE` feedback vertices.
+    """Solve the components that `root` depends on, until elimination has no room for one.
 
     That one is left to the caller, as the last `search[MEMBERS]` chains of the pending ones; when it is solved, this is
     to be called again. Returns the number of unknowns in components that were no chain.
@@ -187,19 +190,16 @@ def _write_owner(value, number, chains, owner, up):  # type: ignore[no-untyped-d
 def _solve_small(v, first, stop, up, down, factors, screening, owner, chains):  # type: ignore[no-untyped-def]
     """Solve the pending chains first .. stop together; returns the number of unknowns.
 
-    Where there are too many feedback vertices it returns 0 and has changed nothing.
+    Where elimination has no room it returns 0 and has changed nothing.
     """
-    target, constant, weight, index, feedback = component_rows(v, first, stop, chains, owner, up, factors)
-    if feedback.size > DENSE:
+    target, constant, weight, index = component_rows(v, first, stop, chains, owner, up, factors)
+    if not eliminate(constant, weight, index):
         for k in range(first, stop):
             chain = chains[LEFT, k]
             _write_owner(chain + 1, chain, chains, owner, up)
         return 0
-    z, x = np.empty(feedback.size), np.empty(feedback.size + target.size)
-    eliminate(constant, weight, index, feedback, z, x)
-    substitute(1.0, constant, weight, index, z, x)
     for j in range(target.size):
-        v[target[j]] = max(x[feedback.size + j], 0.0)  # as the solution is: below 0 would say that it is unsolved
+        v[target[j]] = max(constant[j], 0.0)  # as the solution is: below 0 would say that it is unsolved
     solve_members(v, first, stop, chains, up, down, factors, screening)
     return target.size
 
@@ -217,8 +217,8 @@ def solve_members(v, first, stop, chains, up, down, factors, screening):  # type
 def component_rows(v, first, stop, chains, owner, up, factors):  # type: ignore[no-untyped-def]
     """The rows of the component of the pending chains first .. stop, which `owner` is above 0 on.
 
-    Returns the unknowns' pixels; their constants; weight and index of the two numbers that row j depends on, at 2 j and
-    2 j + 1; and the rows that are feedback vertices. `owner` is overwritten on the unknowns.
+    Returns the unknowns' pixels; their constants; and weight and index of the two rows that row j depends on, at 2 j
+    and 2 j + 1, with index -1 for none. `owner` is overwritten on the unknowns.
     """
     size = 0
     longest = 0
@@ -230,11 +230,10 @@ def component_rows(v, first, stop, chains, owner, up, factors):  # type: ignore[
             if owner[y] > 0 and y != chains[side, chain]:
                 owner[y] = -owner[y]
                 size += 1
-    target, index, feedback = np.empty(size, np.int64), np.empty(2 * size, np.int64), np.empty(size, np.int64)
+    target, index = np.empty(size, np.int64), np.empty(2 * size, np.int64)
     constant, weight = np.empty(size), np.empty(2 * size)
     _affine_rows(v, first, stop, longest, chains, owner, up, factors, target, constant, weight, index)
-    count = find_feedback(index, feedback)
-    return target, constant, weight, index, feedback[:count]
+    return target, constant, weight, index
 
 
 @inlined
@@ -314,26 +313,131 @@ def substitute(share, constant, weight, index, z, x):  # type: ignore[no-untyped
 
 
 @kernel
-def eliminate(constant, weight, index, feedback, z, x):  # type: ignore[no-untyped-def]
-    """Gaussian elimination of (I - P) z = q, set up by one pass a column. An M-matrix needs no pivoting."""
-    size = z.size
-    width = size + 1
-    matrix = np.empty(size * width)
-    for column in range(width):
-        for j in range(size):
-            z[j] = 1.0 if j == column else 0.0
-        substitute(1.0 if column == size else 0.0, constant, weight, index, z, x)
-        for j in range(size):
-            passed = x[size + feedback[j]]
-            matrix[j * width + column] = passed if column == size else z[j] - passed
-    for pivot in range(size):
-        for j in range(pivot + 1, size):
-            if matrix[j * width + pivot] != 0.0:
-                factor = matrix[j * width + pivot] / matrix[pivot * width + pivot]
-                for column in range(pivot + 1, width):
-                    matrix[j * width + column] -= factor * matrix[pivot * width + column]
-    for j in range(size - 1, -1, -1):
-        total = matrix[j * width + size]
-        for column in range(j + 1, size):
-            total -= matrix[j * width + column] * z[column]
-        z[j] = total / matrix[j * width + j]
+def eliminate(constant, weight, index):  # type: ignore[no-untyped-def]
+    """Solve x_j = constant_j + weight_2j x(index_2j) + weight_2j+1 x(index_2j+1), an M-matrix, into `constant`.
+
+    Rows are eliminated in passes, in each those that put no more than so many numbers into other rows. Of every row the
+    numbers are a list through `after`, and a list through `beside` has those at which other rows depend on it.
+
+    Returns False, with nothing changed, if there is not room for all numbers.
+    """
+    size = constant.size
+    room = ROOM * size + 64
+    row, column = np.empty(room, np.int32), np.empty(room, np.int32)
+    after, beside = np.empty(room, np.int32), np.empty(room, np.int32)
+    value, x = np.empty(room), constant.copy()
+    first, dependent, mark = np.full(size, -1, np.int32), np.full(size, -1, np.int32), np.full(size, -1, np.int32)
+    needs, needed = np.zeros(size, np.int32), np.zeros(size, np.int32)  # numbers on the lists, the diagonal left out
+    order, left, live = np.empty(size, np.int32), np.arange(size), np.ones(size, np.bool_)
+    end, spare = np.int64(0), np.int64(-1)
+    for j in range(size):
+        for k in range(2 * j, 2 * j + 2):
+            i = index[k]
+            if k % 2 == 1 and i == index[k - 1] and i >= 0:
+                value[first[j]] += weight[k]
+            elif i >= 0:
+                _link(end, j, i, weight[k], row, column, value, after, beside, first, dependent)
+                end += 1
+                if i != j:
+                    needs[j] += 1
+                    needed[i] += 1
+    done, allowed, count = 0, 2, size
+    while count > 0:
+        kept = 0
+        for k in range(count):
+            j = left[k]
+            if needs[j] * needed[j] > allowed:
+                left[kept] = j
+                kept += 1
+                continue
+            own = _unlink(j, j, first, column, after)
+            scale = 1.0 / (1.0 - value[own]) if own >= 0 else 1.0
+            x[j] *= scale
+            e = np.int64(first[j])
+            while e >= 0:
+                value[e] *= scale
+                needed[column[e]] -= 1
+                e = np.int64(after[e])
+            live[j] = False
+            order[done] = j
+            done += 1
+            d = np.int64(dependent[j])
+            while d >= 0:
+                following = np.int64(beside[d])
+                i = np.int64(row[d])
+                if live[i]:
+                    share = value[d]
+                    x[i] += share * x[j]
+                    _unlink(i, j, first, column, after)
+                    needs[i] -= 1
+                    after[d] = spare
+                    spare = d
+                    e = np.int64(first[i])
+                    while e >= 0:
+                        mark[column[e]] = e
+                        e = np.int64(after[e])
+                    e = np.int64(first[j])
+                    while e >= 0:
+                        y = np.int64(column[e])
+                        if mark[y] >= 0:
+                            value[mark[y]] += share * value[e]
+                        else:
+                            place = spare
+                            if spare >= 0:
+                                spare = np.int64(after[spare])
+                            elif end < room:
+                                place = end
+                                end += 1
+                            else:
+                                return False
+                            _link(place, i, y, share * value[e], row, column, value, after, beside, first, dependent)
+                            mark[y] = place
+                            if y != i:
+                                needs[i] += 1
+                                needed[y] += 1
+                        e = np.int64(after[e])
+                    e = np.int64(first[i])
+                    while e >= 0:
+                        mark[column[e]] = -1
+                        e = np.int64(after[e])
+                d = following
+        if kept == count:
+            allowed += max(1, allowed // 4)
+        count = kept
+    for k in range(size - 1, -1, -1):
+        j = order[k]
+        total = x[j]
+        e = np.int64(first[j])
+        while e >= 0:
+            total += value[e] * constant[column[e]]
+            e = np.int64(after[e])
+        constant[j] = total
+    return True
+
+
+@inlined
+def _link(e, j, i, weight, row, column, value, after, beside, first, dependent):  # type: ignore[no-untyped-def]
+    """Put a number, in place e, into row j and column i."""
+    row[e] = j
+    column[e] = i
+    value[e] = weight
+    after[e] = first[j]
+    first[j] = e
+    beside[e] = dependent[i]
+    dependent[i] = e
+
+
+@inlined
+def _unlink(j, i, first, column, after):  # type: ignore[no-untyped-def]
+    """Take the number in column i out of row j; returns its place, -1 for none."""
+    before = np.int64(-1)
+    place = np.int64(first[j])
+    while place >= 0 and column[place] != i:
+        before = place
+        place = np.int64(after[place])
+    if place >= 0:
+        if before < 0:
+            first[j] = after[place]
+        else:
+            after[before] = after[place]
+    return place

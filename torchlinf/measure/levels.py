@@ -204,26 +204,37 @@ def refined_estimates(
     solved: Any, number: NDArray[np.int32], measure: Measure
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Values and bounds of the levels of what `solve_shape` gives, which is solved on while a level is in doubt."""
-    values, bounds = estimates(solved.v, number, solved.shape.radius, solved.bound, measure)
+    values, bounds = estimates(solved.v, number, solved.shape.radius, solved.bound, measure, solved.check)
     for tol in _tighter(measure):
         if bounds.max() <= measure.tol_bits or not solved.refine(tol):
             break
-        values, bounds = estimates(solved.v, number, solved.shape.radius, solved.bound, measure)
+        values, bounds = estimates(solved.v, number, solved.shape.radius, solved.bound, measure, solved.check)
     return values, bounds
 
 
 def estimates(
-    v: NDArray[np.float64], number: NDArray[np.int32], radius: int, bound: float, measure: Measure
+    v: NDArray[np.float64],
+    number: NDArray[np.int32],
+    radius: int,
+    bound: float,
+    measure: Measure,
+    check: Callable[[], None] = lambda: None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Values and bounds of the levels 1..radius; `number` is each pixel's level or 0, flat and padded like v."""
+    """Values and bounds of the levels 1..radius; `number` is each pixel's level or 0, flat and padded like v.
+
+    `check` is called between the steps, so that it can end them by an exception.
+    """
     from torchlinf.kernels import histograms
 
+    check()
     # The ring of outside pixels is on no level, so field and distance can stay padded.
     values, begin = histograms.sort_by_level(v, number, radius)
     error = bound + ROUNDING * values.max()
+    check()
     if measure.estimator == "std":
         return histograms.deviations(values, begin), histograms.deviation_bounds(values, begin, error)
     found = histograms.entropies(values, begin, measure.bins, EDGE_SLACK)
+    check()
     return found, histograms.entropy_bounds(values, begin, measure.bins, EDGE_SLACK, error, found)
 
 
