@@ -13,7 +13,7 @@ SHORT := $(addprefix tests/test_,known_values.py distance.py field.py complexity
 	labels.py polygons.py geodata.py cli.py tables.py) $(wildcard tests/test_metric*.py)
 TESTS ?= $(SHORT)
 
-.PHONY: venv demo test test-all test-lowest test-newest lint types docs bench dist dist-check check clean
+.PHONY: venv demo test test-all test-gpu test-lowest test-newest lint types docs bench dist dist-check check clean
 
 venv: $(STAMP)
 
@@ -31,6 +31,11 @@ test: $(STAMP)
 
 test-all: $(STAMP)
 	$(BIN)/python -m pytest
+
+# What needs a GPU: the tests marked gpu, then the benchmark that says where a mask on a GPU is solved soonest. Without a
+# GPU it says so, and does nothing.
+test-gpu: $(STAMP)
+	$(BIN)/python tools/check_gpu.py
 
 # The lowest versions that pyproject.toml declares, on the pinned torch. Old libraries beside new ones warn of what is
 # deprecated, so warnings are no errors here. numba's cache is apart: another numba would write over it.

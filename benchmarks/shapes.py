@@ -1,5 +1,6 @@
 """What is measured: real silhouettes, shapes of the documentation, enlargements, and volumes."""
 
+import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -101,7 +102,7 @@ def volumes(side: int) -> list[Named]:
 
 def batch(count: int, side: int) -> Tensor:
     """Silhouettes `(count, side, side)`, mirrored and turned where there are too few, each filling the square."""
-    found = [_shrink(shape.mask, side) for shape in silhouettes(min(count, 40))]
+    found = [_fitted(shape.mask, side) for shape in silhouettes(min(count, 40))]
     filled = []
     for i in range(count):
         mask = torch.rot90(found[i % len(found)], i // len(found))
@@ -127,6 +128,12 @@ def _shrink(mask: Tensor, side: int) -> Tensor:
     mask = mask[bounding_box(mask.numpy())]
     factor = min(1.0, side / max(mask.shape))
     return torch.from_numpy(ndimage.zoom(mask.numpy().astype(np.float32), factor, order=1) > 0.5)
+
+
+def _fitted(mask: Tensor, side: int) -> Tensor:
+    """The shape in its box, enlarged if its longest side is shorter than `side`, which it then has."""
+    longest = max(mask[bounding_box(mask.numpy())].shape)
+    return _shrink(mask if longest >= side else smooth(mask, math.ceil(side / longest)), side)
 
 
 def _mpeg7() -> list[Callable[[], Named]]:

@@ -1,6 +1,6 @@
 """Parts: they partition the shape, their objective is never higher, boxes joined to boxes fall apart into boxes."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,11 +10,11 @@ from problems import random_batch
 from scipy import ndimage
 from torch import Tensor
 
-from torchlinf import complexity, shapes
-from torchlinf.decompose import parts
+from torchlinf import ComplexityProfile, complexity, shapes
+from torchlinf.decompose import cut_tree, parts
 from torchlinf.decompose.cut_candidates import CANDIDATES
 from torchlinf.labels import complexity_table
-from torchlinf.measure import Measure
+from torchlinf.measure import Measure, complexities_after_flips, ragged_profile
 from torchlinf.shapes import Appendage
 
 LADDER = [Appendage("right", 24, 12), Appendage("top", 16, 12), Appendage("left", 8, 12)]
@@ -179,6 +179,51 @@ def test_it_is_deterministic_and_the_batch_does_not_matter() -> None:
             for name in ("label_map", "before", "after", "num_parts", "num_solves"):
                 one, of_batch = getattr(alone, name), getattr(found, name)[b, c]
                 torch.testing.assert_close(one, of_batch, rtol=0, atol=0, equal_nan=True)
+
+
+def test_no_mask_is_solved_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Candidates share most of their pieces."""
+    solved: list[tuple[tuple[int, ...], bytes]] = []
+
+    def profile(mask_at: Callable[[int], np.ndarray], count: int, measure: Measure) -> ComplexityProfile:
+        solved.extend((mask_at(i).shape, mask_at(i).tobytes()) for i in range(count))
+        return ragged_profile(mask_at, count, measure)
+
+    monkeypatch.setattr(cut_tree, "ragged_profile", profile)
+    monkeypatch.setattr(cut_tree, "FEW", 10**9)  # all of them solved as a whole
+    found = parts(random_batch(81, 1, (24, 31))[0], spatial_ndim=2)
+    assert len(set(solved)) == len(solved) > 20
+    assert found.num_parts > 1
+    assert found.num_solves > len(solved)  # those of the parts that were cut are more
+
+
+@pytest.mark.parametrize("candidates", ["openings", "watershed"])
+@pytest.mark.parametrize("options", [{}, {"estimator": "std", "low": 0.1}, {"bins": 32, "rho": 3.0}, {"levels": "rim"}])
+def test_pieces_solved_from_their_part_have_the_complexity_of_a_whole_solve(
+    monkeypatch: pytest.MonkeyPatch, options: dict[str, Any], candidates: str
+) -> None:
+    local: list[float] = []
+
+    def after_flips(masks: list[np.ndarray], flips: list[list[np.ndarray]], measure: Measure) -> Any:
+        [(before, after)] = complexities_after_flips(masks, flips, measure)
+        for pixels, value in zip(flips[0], after, strict=True):
+            left = masks[0].copy()
+            left.reshape(-1)[pixels] ^= True
+            assert value == pytest.approx(
+                complexity(torch.from_numpy(left), spatial_ndim=2, **options).item(), abs=1e-9
+            )
+            local.append(value)
+        return [(before, after)]
+
+    monkeypatch.setattr(cut_tree, "complexities_after_flips", after_flips)
+    shape = shapes.rooms(2, 3, side=18, wall=2, aperture=9)
+    shape[::7, 4] = shape[3, ::5] = False
+    found = parts(shape, candidates=candidates, objective="mean", spatial_ndim=2, **options)
+    assert len(local) >= 3
+    monkeypatch.setattr(cut_tree, "FEW", 10**9)
+    whole = parts(shape, candidates=candidates, objective="mean", spatial_ndim=2, **options)
+    assert torch.equal(found.label_map, whole.label_map)
+    torch.testing.assert_close(found.after, whole.after, rtol=0, atol=1e-9)
 
 
 def test_an_empty_shape_has_no_parts() -> None:

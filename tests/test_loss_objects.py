@@ -84,6 +84,18 @@ def test_the_value_is_the_complexity_of_the_thresholded_prediction(options: dict
     torch.testing.assert_close(loss, complexity(x > 0.5, **options), rtol=1e-12, atol=0)
 
 
+@pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode])
+def test_a_value_alone_is_the_same(mode: Any) -> None:
+    x = grey(placed(BUMPED, DISC))[None, None]
+    loss = ShapeComplexityLoss(max_flips=1, per="object", orientation=25.0)
+    expected = loss(x.clone().requires_grad_()).item()
+    assert expected > 0.1
+    with mode():
+        found = loss(x.clone())
+    assert found.item() == expected
+    assert not found.requires_grad
+
+
 def test_a_tilted_rectangle_has_little_to_lose() -> None:
     mask = torch.from_numpy(np.pad(turned(np.ones((30, 50), dtype=bool), 27.0), ((4, 9), (6, 3))))
     x = grey(mask)[None, None]

@@ -5,8 +5,10 @@ Then it is cut back, from the leaves up, to the parts of least objective. Growin
 trees, finds what single steps do not: often no cut alone lowers the sum of the complexities, though many together do.
 """
 
+import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Unpack
+from typing import Literal, TypeAlias, Unpack
 
 import numpy as np
 import torch
@@ -15,12 +17,16 @@ from torch import Tensor
 
 from torchlinf._helpers.checks import as_mask, choice, not_negative
 from torchlinf.decompose.cut_candidates import CANDIDATES, Cut, Mask
-from torchlinf.measure import Measure, WindowOptions, ragged_profile, takes
+from torchlinf.measure import Measure, WindowOptions, complexities_after_flips, ragged_profile, takes
 
 __all__ = ["Decomposition", "parts"]
 
+Key: TypeAlias = tuple[tuple[int, ...], bytes]
+
 SLACK = 1e-9  # bits; what is not lower by more counts as equal
 OBJECTIVES = ("sum", "mean")
+MOST_OF = 0.7  # share of a part from which on a piece is solved from the field of the part, which it changes little
+FEW = 3  # such pieces of one part, from which on that pays: the part is solved for it once more
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +43,8 @@ class Decomposition:
         after: (*batch) float64, the objective of the parts, without the penalty, in the same unit: never higher than
             `before`; NaN for an empty shape.
         num_parts: (*batch) int64; 0 for an empty shape, 1 for one that is left whole.
-        num_solves: (*batch) int64, the certified fields that it took.
+        num_solves: (*batch) int64, the certified fields that it took: one for each different piece that was tried,
+            and one for each part that was cut.
         measure: how complexity was measured.
     """
 
@@ -155,6 +162,7 @@ class _Tree:
 
     def __init__(self, shape: Mask, rule: _Rule) -> None:
         self.rule, self.num_solves = rule, 0
+        self._known: dict[Key, float] = {}
         (self.root,) = _boxed(shape.astype(np.int32))
         self._measure([self.root])
         waiting = [self.root]
@@ -175,19 +183,46 @@ class _Tree:
     def _weighted(self, part: _Part) -> float:
         return part.value if self.rule.objective == "sum" else part.value * part.area / self.root.area
 
-    def _measure(self, parts: list[_Part]) -> None:
-        self.num_solves += len(parts)
-        profile = ragged_profile(lambda i: parts[i].mask, len(parts), self.rule.measure)
-        for part, value in zip(
-            parts, profile.mean(self.rule.measure.low, self.rule.measure.high).tolist(), strict=True
-        ):
-            part.value, part.area = value, int(part.mask.sum())
+    def _measure(self, pieces: list[_Part], part: _Part | None = None) -> None:
+        """Set area and complexity of pieces, of that part if they are of one; each different mask is solved once."""
+        keys = [_key(piece.mask) for piece in pieces]
+        new = {key: piece for key, piece in zip(keys, pieces, strict=True) if key not in self._known}
+        self.num_solves += len(new)
+        for piece in pieces:
+            piece.area = int(piece.mask.sum())
+        if part is not None:
+            near = {key: piece for key, piece in new.items() if piece.area >= MOST_OF * part.area}
+            if len(near) >= FEW:
+                self._known.update(zip(near, self._solved_from(part, list(near.values())), strict=True))
+        rest = {key: piece.mask for key, piece in new.items() if key not in self._known}
+        self._known.update(zip(rest, self._solved(list(rest.values())), strict=True))
+        for key, piece in zip(keys, pieces, strict=True):
+            piece.value = self._known[key]
+
+    def _solved(self, masks: Sequence[Mask]) -> list[float]:
+        """The complexities of masks."""
+        measure = self.rule.measure
+        found: list[float] = (
+            ragged_profile(masks.__getitem__, len(masks), measure).mean(measure.low, measure.high).tolist()
+        )
+        return found
+
+    def _solved_from(self, part: _Part, pieces: list[_Part]) -> list[float]:
+        """The complexities of pieces of a part, each solved only where its field is another than that of the part."""
+        flips = []
+        for piece in pieces:
+            off = part.mask.copy()
+            off[_box_in(part, piece)] &= ~piece.mask
+            flips.append(np.flatnonzero(off))
+        ((_, found),) = complexities_after_flips([part.mask], [flips], self.rule.measure)
+        values: list[float] = found.tolist()
+        return values
 
     def _best_cut(self, part: _Part) -> list[_Part]:
         """The pieces of the candidate that most lowers the mean over the area, with penalties; none if none does."""
         self.num_solves += 1  # that of the candidates
         tried = [_boxed(cut, part.corner) for cut in CANDIDATES[self.rule.candidates](part.mask, self.rule.measure)]
-        self._measure([piece for pieces in tried for piece in pieces])
+        self._measure([piece for pieces in tried for piece in pieces], part)
         best: list[_Part] = []
         most = SLACK
         for pieces in tried:
@@ -217,6 +252,17 @@ def _boxed(cut: Cut, corner: tuple[int, ...] = ()) -> list[_Part]:
         inner = tuple(side.start for side in box)
         pieces.append(_Part(cut[box] == number, tuple(map(sum, zip(inner, corner, strict=True))) if corner else inner))
     return pieces
+
+
+def _key(mask: Mask) -> Key:
+    """The same for the same masks, wherever they lie, and for different ones as good as never."""
+    return mask.shape, hashlib.blake2b(np.packbits(mask).tobytes(), digest_size=16).digest()
+
+
+def _box_in(part: _Part, piece: _Part) -> tuple[slice, ...]:
+    """The box of a piece in the array of the part that it is of."""
+    sides = zip(piece.corner, part.corner, piece.mask.shape, strict=True)
+    return tuple(slice(low - base, low - base + size) for low, base, size in sides)
 
 
 def _number(label_map: NDArray[np.int64], parts: list[_Part]) -> None:

@@ -17,9 +17,9 @@ from torchlinf.field.solution import FieldSolution, Status
 from torchlinf.field.start import start
 from torchlinf.field.stencil import Layout, System
 
-SWEEPS = 10  # before each linear solve, doubled after every ROUNDS of these
+SWEEPS = 24  # before each linear solve, doubled after every ROUNDS of these
 ROUNDS = 6
-COARSEST = 6  # radius up to which no coarser grid is worth its while
+COARSEST = 12  # radius up to which no coarser grid is worth its while
 COARSE_TOL = 0.01
 TIE = 1e-11  # share of the start's maximum within which neighbours are equal: rounding, not geometry
 GROUP_PIXELS = 1 << 20

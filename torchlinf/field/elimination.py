@@ -13,7 +13,7 @@ TERMS = 4  # in the equation of an unknown that is eliminated; this and FILL gro
 FILL = 12  # terms that eliminating it may add
 GROWTH = 1.15
 ROUNDS = 400
-FEW = 64  # unknowns of a shape from which on they are solved for as a dense system
+FEW = 160  # unknowns of a shape from which on they are solved for as a dense system
 FORGET = 1e-17  # weight below which a term is dropped: rounding
 
 

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from torchlinf._helpers.boxes import maxima
 from torchlinf._helpers.checks import positive, positive_tensor
+from torchlinf._helpers.transfer import float_of
 from torchlinf.field.distance import distance_of
 
 
@@ -38,7 +39,7 @@ def pose(mask: Tensor, rho: float | Tensor | None, batch_shape: tuple[int, ...],
     """The problem of a checked mask, bool (N, *spatial), with the screening rho of the batch shape."""
     distance = distance_of(mask)
     radius = maxima(distance)
-    length = radius.clamp(min=1).to(torch.float32 if mask.device.type == "mps" else torch.float64)
+    length = radius.clamp(min=1).to(float_of(mask.device))
     if isinstance(rho, Tensor):
         length = positive_tensor(rho, batch_shape, "rho").to(length).reshape(-1)
     elif rho is not None:

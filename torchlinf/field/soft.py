@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from torchlinf._helpers.checks import as_mask, count, plain, positive, positive_tensor
+from torchlinf._helpers.transfer import float_of
 from torchlinf.field.adjoint import attach_gradient
 from torchlinf.field.erosions import soft_distance_of
 from torchlinf.field.solution import FieldSolution, Status
@@ -130,7 +131,7 @@ def occupancy_of(shapes: Tensor, number: int, low: int) -> tuple[Tensor, Tensor]
 
     So a mask of one grey is the mask, and thresholds that leave nothing do not count.
     """
-    shapes = shapes.to(torch.float32 if shapes.device.type == "mps" else torch.float64)
+    shapes = shapes.to(float_of(shapes.device))
     part = shapes if number == 1 else _cut(number * shapes - low)
     most = largest(part)
     return part / torch.where(most > LEAST, most, 1).view(-1, *[1] * (part.ndim - 1)), most

@@ -37,10 +37,11 @@ def solve_field(
             shape's own radius D, the largest chessboard distance in it.
         tol: relative error to reach. Residuals are known to a few ulps of the largest value, so no less than
             8 eps max f is asked for: that matters beyond D = 1200 in float64, and everywhere in float32.
-        method: "compiled" is policy iteration in compiled kernels (CPU and numba only); "batched" is policy iteration
-            in torch operations on all shapes at once, and "accelerated" accelerated value iteration (any device);
-            "monotone" is value iteration, the slow reference, whose values decrease to the field (any device). "auto"
-            is "compiled" where the mask's device and the installation allow it, else "accelerated".
+        method: "compiled" is policy iteration in compiled kernels on the CPU, for which a mask on another device makes
+            a trip to the host's memory (numba only); "batched" is policy iteration in torch operations on all shapes
+            at once, and "accelerated" accelerated value iteration in torch operations (any device); "monotone" is value
+            iteration, the slow reference, whose values decrease to the field (any device). "auto" is "compiled" for
+            masks on the CPU if numba is installed, "accelerated" for all others.
         max_sweeps: sweeps allowed to each shape, an integer of 1 or more; None means far more than the method needs:
             20000 + 200 D for "compiled" and "batched", 400 D + 2000 for "accelerated", 40 D^2 + 1000 for "monotone".
         throw: raise when a shape is not certified to `tol`; with False look at `status` and `error_bound` instead.
@@ -51,12 +52,13 @@ def solve_field(
             returned, in float64, whatever the dtype of the mask; in float32 on devices without float64.
 
     Returns:
-        A `FieldSolution`. An empty shape has value 0, error bound 0 and status EMPTY, and does not raise; a full mask
-        is a box. Not differentiable. A shape's result does not depend on what else is in the batch.
+        A `FieldSolution`, on the device of the mask. An empty shape has value 0, error bound 0 and status EMPTY, and
+        does not raise; a full mask is a box. Not differentiable. A shape's result does not depend on what else is in
+        the batch.
 
     Raises:
         TypeError: an argument is of the wrong type.
-        ValueError: an argument has a wrong rank or value, or `method` does not go with the device or with `compile`.
+        ValueError: an argument has a wrong rank or value, or `method` does not go with `compile`.
         ImportError: `method` is "compiled", and numba is not installed.
         RuntimeError: with `throw`, if a shape is not certified to `tol`; the message names the shapes.
 

@@ -8,6 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchlinf._helpers.transfer import to_device, to_host
 from torchlinf.losses.region_flips import candidates, complexities, differences, select
 from torchlinf.measure import Measure
 
@@ -30,8 +31,8 @@ def region_flip_gradient(
     """Complexity (N,) of thresholded shapes (N, *spatial) and its finite-difference gradient, like them.
 
     It is an operator of its own, so that torch.compile sees one opaque step and no graph breaks; therefore the options
-    are plain numbers and words. The value of an empty shape is the largest that any shape can have. Not differentiable;
-    `ShapeComplexityLoss` makes its gradient of the second result.
+    are plain numbers and words. Shapes on a device make one trip to the host. The value of an empty shape is the
+    largest that any shape can have. Not differentiable; `ShapeComplexityLoss` makes its gradient of the second result.
 
     Raises:
         ValueError: a probability is not in [0, 1].
@@ -41,8 +42,8 @@ def region_flip_gradient(
         >>> region_flip_gradient(torch.ones(1, 4, 6), 0.5, 16, False, *options)[0]
         tensor([0.])
     """
-    on_cpu = probability.detach().cpu()
-    require_probabilities(on_cpu)
+    (on_host,) = to_host(probability)
+    require_probabilities(on_host)
     measure = Measure(
         low=low,
         high=high,
@@ -54,9 +55,11 @@ def region_flip_gradient(
         tol_bits=tol_bits,
     )
     value, gradient = finite_difference_gradient(
-        on_cpu, threshold=threshold, max_flips=max_flips, deformations=deformations, measure=measure
+        on_host, threshold=threshold, max_flips=max_flips, deformations=deformations, measure=measure
     )
-    return value.nan_to_num(nan=measure.largest).to(probability), gradient.to(probability).contiguous()
+    value, gradient = value.nan_to_num(nan=measure.largest), gradient.contiguous()
+    value, gradient = to_device(probability.device, value.to(probability.dtype), gradient.to(probability.dtype))
+    return value, gradient
 
 
 @region_flip_gradient.register_fake

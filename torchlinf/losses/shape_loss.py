@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from torchlinf._helpers.checks import MAX_SPATIAL_NDIM, choice, count, flag, fraction, not_negative
+from torchlinf._helpers.transfer import to_device, to_host
 from torchlinf.losses.gradient import region_flip_gradient, require_probabilities, without_area
 from torchlinf.losses.parts import consistent, cut_out, like_sizes, others_of, padded_to, parts_of
 from torchlinf.measure import MeanOptions, Measure, takes
@@ -74,8 +75,9 @@ class ShapeComplexityLoss(nn.Module):
         measure: the `torchlinf.Measure` of the options.
 
     Shape:
-        - input: (B, C, *spatial) with 1 to 4 spatial dimensions, each (b, c) one shape, floating point, any device; the
-          flips are computed on the CPU. float16 and bfloat16 give a float32 loss.
+        - input: (B, C, *spatial) with 1 to 4 spatial dimensions, each (b, c) one shape, floating point, any device. The
+          flips are computed on the CPU: on another device the input makes one trip to the host, which waits for it
+          once. float16 and bfloat16 give a float32 loss.
         - target: like input, optional; nonzero is inside. The loss needs no target. If one is given, shapes that are
           empty in it (classes that are not in the image) are left out: they count neither in the loss nor in the mean.
         - mask: broadcastable to input, bool, optional; where it is False no gradient goes. The shape's geometry is
@@ -204,9 +206,20 @@ class ShapeComplexityLoss(nn.Module):
     def _complexity_of_parts(self, probability: Tensor, mask: Tensor | None) -> Tensor:
         """(B, C): the same, each the mean over its objects, in their frames."""
         flat = probability.flatten(0, 1)
+        counted = [] if mask is None else [mask.expand_as(probability).flatten(0, 1)]
+        with torch.inference_mode(False), torch.enable_grad():
+            on_host, *counted = to_host(flat, *counted)
+            leaf = on_host.clone().requires_grad_()
+            total = self._mean_over_parts(leaf, torch.ones_like(leaf) if mask is None else counted[0].to(leaf))
+            (gradient,) = torch.autograd.grad(total.sum(), leaf)
+        value, gradient = to_device(flat.device, total.detach(), gradient)
+        carrier = gradient * (flat - flat.detach())
+        return (value + carrier.flatten(1).sum(dim=1)).reshape(probability.shape[:2])
+
+    def _mean_over_parts(self, flat: Tensor, counted: Tensor) -> Tensor:
+        """(N,): the same of shapes (N, *spatial) on the CPU, of which `counted` is 0 where no gradient goes."""
         require_probabilities(flat.detach())
-        inside = (flat.detach() > self.threshold).cpu().numpy()
-        counted = torch.ones_like(flat) if mask is None else mask.expand_as(probability).flatten(0, 1).to(flat)
+        inside = (flat.detach() > self.threshold).numpy()
         through = torch.where(counted > 0, flat, flat.detach())
         parts = parts_of(inside, self.measure)
         cuts = [cut_out(through[part.owner], part, others_of(part, inside[part.owner])) for part in parts]
@@ -227,8 +240,8 @@ class ShapeComplexityLoss(nn.Module):
                     gradient = without_area(gradient[None], doubt[None])[0]
                 carrier = (gradient * (cuts[i] - cuts[i].detach())).sum()
                 share = parts[i].weight * (value + carrier)
-                total = total.index_add(0, owners[i : i + 1].to(total.device), share[None])
-        return total.reshape(probability.shape[:2])
+                total = total.index_add(0, owners[i : i + 1], share[None])
+        return total
 
     def _flips(self, probability: Tensor) -> tuple[Tensor, Tensor]:
         """The complexity (N,) of shapes (N, *spatial) as they stand, and their gradient under region flips."""
@@ -256,10 +269,11 @@ class ShapeComplexityLoss(nn.Module):
                     f"weight must be a number or hold one for each of the {value.shape[1]} channels; got "
                     f"{len(self.weight)}. With include_background=False leave out that of the background."
                 )
-            value = value * torch.tensor(self.weight, dtype=value.dtype, device=value.device)
+            # Number by number: a tensor of them would have to be copied to the device, which waits for it.
+            value = torch.stack([value[:, i] * weight for i, weight in enumerate(self.weight)], dim=1)
         else:
             value = value * self.weight
-        number = torch.tensor(value.numel(), dtype=value.dtype, device=value.device)
+        number: int | Tensor = value.numel()
         if target is not None:
             present = (target != 0).flatten(2).any(dim=2)
             value = torch.where(present, value, 0.0)

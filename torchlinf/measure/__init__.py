@@ -27,7 +27,7 @@ from torchlinf.measure.options import (
 from torchlinf.measure.pixel_map import complexity_map
 from torchlinf.measure.profile import ComplexityProfile, Parts, mean_of_levels, profile_of_field, profile_of_levels
 from torchlinf.measure.soft import soft_complexity
-from torchlinf.measure.solved_shape import SolvedShape, complexities_after_flips
+from torchlinf.measure.solved_shape import SolvedLevels, SolvedShape, complexities_after_flips
 from torchlinf.measure.spacing import checked_spacing, cube_size, equal_spacing
 from torchlinf.measure.spacing import of_words as spacing_of_words
 from torchlinf.measure.spacing import words as spacing_words
@@ -47,6 +47,7 @@ __all__ = [
     "ProfileOptions",
     "Rectangle",
     "SoftOptions",
+    "SolvedLevels",
     "SolvedShape",
     "WindowOptions",
     "checked_spacing",

@@ -20,6 +20,7 @@ from torch import Tensor
 from torchlinf._helpers.boxes import bounding_box
 from torchlinf._helpers.checks import positive_tensor
 from torchlinf._helpers.parallel import for_each
+from torchlinf._helpers.transfer import to_host
 from torchlinf.field import ROUNDING, Problem, Status, pose, raise_failures, solve, solve_shape, uses_kernels
 from torchlinf.kernels import has_compiler
 from torchlinf.measure.entropy import EDGE_SLACK, ESTIMATORS, entropy_bounds, std_bounds
@@ -51,13 +52,14 @@ class Levels:
 
 
 def levels_of(masks: Tensor, lead: tuple[int, ...], measure: Measure, method: str = "auto") -> Levels:
-    """The levels of checked masks, bool (N, *spatial), of the leading shape `lead`; on the device of the masks.
+    """The levels of checked masks, bool (N, *spatial), of the leading shape `lead`; where they were computed.
 
     Raises:
         RuntimeError: a field could not be certified.
     """
     if uses_kernels(masks, method):
-        arrays = masks.numpy()
+        (on_host,) = to_host(masks)
+        arrays = on_host.numpy()
         return levels_of_each(lambda i: arrays[i], len(arrays), lead, measure)
     return solved_levels(masks, lead, measure, method)[2]
 

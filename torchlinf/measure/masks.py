@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from torchlinf._helpers.checks import as_mask, choice, real_dtype
+from torchlinf._helpers.transfer import float_of, to_device, to_host
 from torchlinf.field import METHODS
 from torchlinf.measure.levels import MaskAt, levels_of, levels_of_each
 from torchlinf.measure.objects import profile_of_parts
@@ -66,7 +67,8 @@ def complexity_profile(
     real_dtype(dtype)
     grid = scale_grid(scales)
     masks, lead = as_mask(mask, spatial_ndim)
-    return _profile_of_masks(masks, lead, measure, method, grid, dtype)
+    profile = _profile_of_masks(masks, lead, measure, method, grid, dtype)
+    return profile if profile.radius.device == masks.device else profile.moved(masks.device, dtype)
 
 
 def ragged_profile(mask_at: MaskAt, count: int, measure: Measure) -> ComplexityProfile:
@@ -141,7 +143,11 @@ def complexity(
     choice(method, ("auto", *METHODS), "method")
     real_dtype(dtype)
     masks, lead = as_mask(mask, spatial_ndim)
-    return _profile_of_masks(masks, lead, measure, method, None, dtype).mean(measure.low, measure.high)
+    mean = _profile_of_masks(masks, lead, measure, method, None, dtype).mean(measure.low, measure.high)
+    if mean.device == masks.device:
+        return mean
+    (found,) = to_device(masks.device, mean.to(dtype or float_of(masks.device)))
+    return found
 
 
 def _profile_of_masks(
@@ -152,13 +158,13 @@ def _profile_of_masks(
     grid: tuple[Tensor, Tensor] | None,
     dtype: torch.dtype | None,
 ) -> ComplexityProfile:
-    """The profile of checked masks, bool (N, *spatial), of the leading shape `lead`."""
+    """The profile of checked masks, bool (N, *spatial), of the leading shape `lead`; where it was computed."""
     if measure.is_plain:
         return profile_of_levels(levels_of(masks, lead, measure, method), lead, measure, grid, dtype)
     if method not in ("auto", "compiled"):
         raise ValueError(
             f'method must be "auto" or "compiled" beside orientation or per="object"; got {method!r}. Leave method out.'
         )
-    arrays = masks.cpu().numpy()
-    profile = profile_of_parts(arrays.__getitem__, lead, measure, grid)
-    return profile.moved(masks.device, dtype)
+    (on_host,) = to_host(masks)
+    profile = profile_of_parts(on_host.numpy().__getitem__, lead, measure, grid)
+    return profile.moved(on_host.device, dtype)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchlinf._helpers.checks import as_mask, choice, real_dtype
+from torchlinf._helpers.transfer import float_of, to_device, to_host
 from torchlinf.field import METHODS, normalised, uses_kernels
 from torchlinf.measure.entropy import EDGE_SLACK, bin_of
 from torchlinf.measure.levels import first_level, levels_of_each, numbered, rim, solved_levels
@@ -75,7 +76,9 @@ def complexity_map(
     real_dtype(dtype)
     shapes, lead = as_mask(mask, spatial_ndim)
     if uses_kernels(shapes, method):
-        shares = torch.from_numpy(_by_kernels(shapes.numpy(), lead, measure))
+        (on_host,) = to_host(shapes)
+        shares = torch.from_numpy(_by_kernels(on_host.numpy(), lead, measure)).to(dtype or float_of(mask.device))
+        (shares,) = to_device(mask.device, shares)
     else:
         shares = _in_torch(shapes, lead, measure, method)
     return shares.reshape(mask.shape).to(dtype or shares.dtype)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from torchlinf._helpers.checks import window
+from torchlinf._helpers.transfer import float_of, to_device
 from torchlinf.measure.levels import Levels, level_values, numbered
 from torchlinf.measure.options import Measure
 
@@ -322,15 +323,24 @@ class ComplexityProfile:
 
     def moved(self, device: torch.device, dtype: torch.dtype | None) -> "ComplexityProfile":
         """A profile of float64 on the CPU brought to a device, its values in `dtype`."""
-        real = torch.float32 if device.type == "mps" else torch.float64
+        real = float_of(device)
+        scales, values, radius, field_error_bound, level_values, level_error_bound = to_device(
+            device,
+            self.scales.to(dtype or real),
+            self.values.to(dtype or real),
+            self.radius,
+            self.field_error_bound.to(real),
+            self.level_values.to(real),
+            self.level_error_bound.to(real),
+        )
         moved = replace(
             self,
-            scales=self.scales.to(dtype or real).to(device),
-            values=self.values.to(dtype or real).to(device),
-            radius=self.radius.to(device),
-            field_error_bound=self.field_error_bound.to(real).to(device),
-            level_values=self.level_values.to(real).to(device),
-            level_error_bound=self.level_error_bound.to(real).to(device),
+            scales=scales,
+            values=values,
+            radius=radius,
+            field_error_bound=field_error_bound,
+            level_values=level_values,
+            level_error_bound=level_error_bound,
         )
         if self.parts is None:
             return moved

@@ -25,6 +25,7 @@ from torchlinf.measure.options import Measure
 from torchlinf.measure.profile import mean_of_levels
 
 Pixels = NDArray[np.int64]  # flat indices into the mask of a shape, each once
+Keep = Callable[["SolvedLevels"], bool]
 
 CELLS = 1 << 22  # levels times bins up to which the histograms are kept, of 4 bytes each
 CLOSE = 1e-11  # error bound to which a shape is solved on if its flips are to be exact: else too many are in doubt
@@ -71,7 +72,9 @@ class SolvedShape:
     """
 
     def __init__(self, mask: NDArray[np.bool_], measure: Measure, check: Callable[[], None] = lambda: None) -> None:
-        self.mask = mask.copy()
+        from torchlinf.kernels import local_histograms
+
+        self.mask, self._kernels = mask.copy(), local_histograms
         self._measure, self._rho, self._check = measure, measure.scalar_rho(), check
         padded = np.zeros([size + 2 for size in mask.shape], np.bool_)
         padded[(slice(1, -1),) * mask.ndim] = True
@@ -81,27 +84,55 @@ class SolvedShape:
         self._faces = np.array([*strides, *(-stride for stride in strides)] if measure.levels == "rim" else [], int)
         self._solve()
 
-    def after(self, pixels: Pixels, keep: bool = False) -> SolvedLevels:
-        """The levels after these pixels are flipped; with `keep` the shape stays so.
+    def after(self, pixels: Pixels, keep: bool | Keep = False) -> SolvedLevels:
+        """The levels after these pixels are flipped.
+
+        Args:
+            pixels: those that are flipped.
+            keep: whether the shape stays so, or a function that tells it from the levels.
 
         Raises:
             RuntimeError: a field could not be solved.
         """
-        found = None if self._field is None else self._locally(self._place[pixels], keep)
-        if found is not None and not keep:
-            return found
-        after = self.mask if keep else self.mask.copy()
+        decide = keep if callable(keep) else lambda _: bool(keep)
+        if self._field is not None:
+            found, kept = self._locally(self._place[pixels], decide)
+            if found is not None:
+                if kept:
+                    self.mask.reshape(-1)[pixels] ^= True
+                return found
+        after = self.mask.copy()
         after.reshape(-1)[pixels] ^= True
-        if found is not None:
-            return found
-        if keep:
-            self._solve()
-            return self.levels
-        return self._of_solve(self._whole(after[bounding_box(after)]))
+        whole = self._whole(after)
+        levels = self._of_solve(whole)
+        if decide(levels):
+            self.mask[:] = after
+            self._adopt(whole, levels)
+        return levels
+
+    def shares(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How much each pixel adds to the sum of the values of the levels, each times its weight; like the mask.
+
+        For "entropy" that is the information in the pixel's bin; else all pixels of a level share its value evenly.
+        """
+        found = np.zeros(self.mask.shape)
+        if self._field is not None and self._counted:
+            cell = self._cell[self._place]
+            on = np.flatnonzero(cell >= 0)
+            level = cell[on] // self._measure.bins
+            size = self._sizes[level + 1]
+            found.reshape(-1)[on] = weights[level] * np.log2(size / self._tally[cell[on]]) / size
+        elif self._field is not None:
+            number = self._numbers()[self._place]
+            on = np.flatnonzero(number)
+            each = weights * self.levels.values / np.bincount(number[on], minlength=len(weights) + 1)[1:]
+            found.reshape(-1)[on] = each[number[on] - 1]
+        return found
 
     def _solve(self) -> None:
         """Solve the whole of the shape as it is."""
-        self._adopt(self._whole(self.mask))
+        whole = self._whole(self.mask)
+        self._adopt(whole, self._of_solve(whole))
 
     def _whole(self, mask: NDArray[np.bool_]) -> Any:
         """A solve of the whole of a mask; None for an empty one."""
@@ -118,9 +149,9 @@ class SolvedShape:
         number = numbers_of(solved.shape.distance, solved.shape.grid.strides, self._measure)
         return SolvedLevels(*refined_estimates(solved, number, self._measure), solved.bound, False)
 
-    def _adopt(self, solved: Any) -> None:
+    def _adopt(self, solved: Any, levels: SolvedLevels) -> None:
         """Take over a solve of the shape as it is, and count the histograms if they are few enough."""
-        self.levels = self._of_solve(solved)
+        self.levels = levels
         if solved is not None and self._measure.tol_bits == 0 and solved.bound > CLOSE:
             solved.refine(CLOSE)
         self._field: Any = None if solved is None else solve_locally(solved, self._rho, self._measure.tol)
@@ -146,56 +177,62 @@ class SolvedShape:
         self._put(np.flatnonzero(number).astype(np.int32), 0)
         self._touched[:] = 0
 
-    def _locally(self, places: NDArray[np.int32], keep: bool) -> SolvedLevels | None:
-        """The levels after a flip, from the field of the shape; None, and nothing changed, where that does not do."""
+    def _locally(self, places: NDArray[np.int32], keep: Keep) -> tuple[SolvedLevels | None, bool]:
+        """The levels after a flip, from the field of the shape, and whether it was kept.
+
+        None, and nothing changed, where that does not do.
+        """
         change = self._field.apply(places, self._check)
         found = whole = None
-        moved = False
+        moved = kept = False
         if change.solved and change.radius > 0:
             if self._counted and change.radius == len(self.levels.values):
-                found = self._moved(change.moved, change.shifted, change.bound, keep)
-                moved = found is not None
-            found = found or self._counted_anew(change.radius, change.bound)
+                found, kept = self._moved(change.moved, change.shifted, change.bound, keep)
+                moved = kept
+            if found is None:
+                found = self._counted_anew(change.radius, change.bound)
+                kept = found is not None and keep(found)
         elif change.radius == self._field.radius:
             whole = self._field.whole(self._measure.tol, self._check)
             found = self._of_solve(whole)
-        if found is None or not keep:
+            kept = keep(found)
+        if found is None or not kept:
             self._field.undo()
-            return found
-        if whole is not None:
-            self._adopt(whole)
+        elif whole is not None:
+            self._adopt(whole, found)
         else:
             self._field.keep()
             self.levels = found
             if not moved:
                 self._count()
-        return found
+        return found, kept
 
     def _moved(
-        self, moved: NDArray[np.int32], shifted: NDArray[np.int32], bound: float, keep: bool
-    ) -> SolvedLevels | None:
-        """The levels from the histograms, of which some pixels change; None if all change, or a pixel is in doubt."""
-        from torchlinf.kernels import local_histograms
+        self, moved: NDArray[np.int32], shifted: NDArray[np.int32], bound: float, keep: Keep
+    ) -> tuple[SolvedLevels | None, bool]:
+        """The levels from the histograms, of which some pixels change, and whether they were kept.
 
+        None if all change, or a pixel is in doubt.
+        """
         highest, count = self._put(moved, 0)
         also, count = self._put(shifted, count, self._faces)
-        proven = self._sizes[0] == 0 and self._same_peak(max(highest, also))
-        values = self.levels.values.copy()
-        if proven:
-            local_histograms.update_entropies(self._tally, self._sizes, self._touched, self._measure.bins, values)
-        if not proven or not keep:
-            local_histograms.undo(
+        found, kept = None, False
+        if self._sizes[0] == 0 and self._same_peak(max(highest, also)):
+            values = self.levels.values.copy()
+            self._kernels.update_entropies(self._tally, self._sizes, self._touched, self._measure.bins, values)
+            found = SolvedLevels(values, np.zeros(len(values)), bound, True)
+            kept = keep(found)
+        if not kept:
+            self._kernels.undo(
                 self._measure.bins, self._cell, self._doubtful, self._tally, self._sizes, self._trail, self._old, count
             )
         self._touched[:] = 0
-        return SolvedLevels(values, np.zeros(len(values)), bound, True) if proven else None
+        return found, kept
 
     def _put(self, pixels: NDArray[np.int32], count: int, faces: NDArray[np.int64] | None = None) -> tuple[float, int]:
         """Put pixels, and those beyond their faces, into their cells; their largest field, and what the trail holds."""
-        from torchlinf.kernels import local_histograms
-
         around = np.zeros(1, np.int64) if faces is None else np.concatenate([[0], faces])
-        placed: tuple[float, int] = local_histograms.place(
+        placed: tuple[float, int] = self._kernels.place(
             pixels, around, self._field.v, self._field.distance, self._faces, self._peak, self._measure.bins,
             EDGE_SLACK, self._error, self._cell, self._doubtful, self._tally, self._sizes, self._touched, self._trail,
             self._old, count,
@@ -204,10 +241,8 @@ class SolvedShape:
 
     def _same_peak(self, highest: float) -> bool:
         """Whether the largest field on the levels is what it was, up to rounding."""
-        from torchlinf.kernels import local_histograms
-
         if highest > self._peak or self._cell[self._summit] < 0 or self._field.v[self._summit] != self._peak:
-            highest = local_histograms.largest_on_levels(self._field.v, self._cell)
+            highest = self._kernels.largest_on_levels(self._field.v, self._cell)
             return abs(highest - self._peak) <= ROUNDING * self._peak
         return True
 

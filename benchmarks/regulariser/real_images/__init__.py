@@ -1,0 +1,1 @@
+"""Simpler shapes on photographs: what the regulariser, `simplify` and free baselines do to a network's masks."""

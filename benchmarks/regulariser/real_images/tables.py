@@ -1,0 +1,121 @@
+"""The tables and the figure of the study, from what was measured."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.plots import COLOURS, MARKERS
+from benchmarks.regulariser.real_images.methods import PLAIN, TRUTH
+from benchmarks.results import Cell, Table
+
+Found = dict[str, dict[str, dict[str, Any]]]  # by method, part and measure: the mean, or one number an image
+Runs = dict[str, Found]  # of one set, by seed
+
+SHOWN = ("IoU", "boundary F", "object, own frame", "object, grid", "mask, own frame", "mask, grid", "objects")
+AIM = "object, own frame"
+
+
+def of_seeds(runs: Runs, method: str, measure: str) -> NDArray[np.float64]:
+    """(seeds, images)."""
+    return np.array([found[method]["held-out"][measure] for found in runs.values() if method in found], float)
+
+
+def mean_and_error(values: Iterable[float]) -> tuple[float, float]:
+    """A mean and its standard error, leaving out NaN."""
+    kept = np.array([value for value in values if not np.isnan(value)])
+    return float(kept.mean()), float(kept.std(ddof=1) / np.sqrt(len(kept))) if len(kept) > 1 else np.nan
+
+
+def difference(runs: Runs, method: str, other: str, measure: str) -> tuple[float, float]:
+    """Mean over the images of method - other, each the mean over the seeds, and its standard error over the images."""
+    apart = of_seeds(runs, method, measure) - of_seeds(runs, other, measure)
+    number = np.isfinite(apart).sum(axis=0)
+    return mean_and_error(np.where(number, np.nansum(apart, axis=0) / np.maximum(number, 1), np.nan))
+
+
+def tables(measured: dict[str, Runs]) -> list[Table]:
+    """For each set all values, and the differences from no term."""
+    return [table for name, runs in measured.items() for table in (_values(name, runs), _differences(name, runs))]
+
+
+def methods_of(runs: Runs) -> list[str]:
+    """In the order in which they were measured, the truth first."""
+    return list(dict.fromkeys(method for found in runs.values() for method in found))
+
+
+def _values(name: str, runs: Runs) -> Table:
+    rows: list[list[Cell]] = []
+    for method in methods_of(runs):
+        row: list[Cell] = [method]
+        for measure in SHOWN:
+            by_seed = [np.nanmean(values) for values in of_seeds(runs, method, measure)]
+            value, error = mean_and_error(by_seed)
+            row.append(f"{value:.3f}" if method == TRUTH or np.isnan(error) else f"{value:.3f} ± {error:.3f}")
+        rows.append(row)
+    note = "Means over the held-out images and the seeds ± standard error over the seeds; complexity in bits."
+    return Table(f"{name.capitalize()}: all numbers", ["", *SHOWN], rows, note)
+
+
+def _differences(name: str, runs: Runs) -> Table:
+    excess = np.nanmean(of_seeds(runs, PLAIN, AIM)) - np.nanmean(of_seeds(runs, TRUTH, AIM))
+    rows: list[list[Cell]] = []
+    for method in methods_of(runs):
+        if method in (PLAIN, TRUTH):
+            continue
+        found = [difference(runs, method, PLAIN, measure) for measure in ("IoU", "boundary F", AIM, "mask, grid")]
+        rows.append(
+            [
+                method,
+                *(f"{value:+.3f} ± {error:.3f}" for value, error in found),
+                f"{-found[2][0] / excess:.0%}",
+            ]
+        )
+    columns = ["", "IoU", "boundary F", AIM, "mask, grid", "share of the excess gone"]
+    note = (
+        "Differences from no term ± standard error over the images. The excess is that of the complexity of objects in "
+        f"their own frames over the truth's, {excess:.3f} bits; more than 100 % is simpler than the truth."
+    )
+    return Table(f"{name.capitalize()}: against no term", columns, rows, note)
+
+
+def kinds_of(methods: Iterable[str]) -> dict[str, list[str]]:
+    """Methods that differ in their numbers only, under their common name.
+
+    >>> kinds_of(["loss 0.1", "loss 0.4", "loss 0.1, then simplify 3"])
+    {'loss': ['loss 0.1', 'loss 0.4'], 'loss, then simplify': ['loss 0.1, then simplify 3']}
+    """
+    found: dict[str, list[str]] = {}
+    for method in methods:
+        if method not in (PLAIN, TRUTH):
+            found.setdefault(re.sub(r" [\d.]+", "", method), []).append(method)
+    return found
+
+
+def draw(measured: dict[str, Runs], path: Path) -> None:
+    """Complexity against overlap, a curve for each kind of method."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
+        figure = Figure(figsize=(10, 4.5), layout="constrained", dpi=150)
+        for axes, (name, runs) in zip(
+            figure.subplots(1, len(measured), squeeze=False)[0], measured.items(), strict=True
+        ):
+            for i, (kind, methods) in enumerate(kinds_of(methods_of(runs)).items()):
+                x, y = zip(*(_point(runs, method) for method in methods), strict=True)
+                style = "-" if i < len(COLOURS) else "--"
+                axes.plot(x, y, style + MARKERS[i % len(MARKERS)], color=COLOURS[i % len(COLOURS)], label=kind)
+            axes.plot(*_point(runs, PLAIN), "k*", markersize=12, label=PLAIN)
+            axes.axvline(_point(runs, TRUTH)[0], color="0.5", linestyle=":", label="complexity of the truth")
+            axes.set(title=name, xlabel=f"complexity of an {AIM}, bits", ylabel="IoU")
+        axes.legend(fontsize=7)
+        figure.savefig(path, metadata={"Software": None})
+
+
+def _point(runs: Runs, method: str) -> tuple[float, float]:
+    values = [float(np.nanmean(of_seeds(runs, method, measure))) for measure in (AIM, "IoU")]
+    return values[0], values[1]

@@ -1,0 +1,275 @@
+"""The descent of `simplify`: one shape, its objective, and the region flips that lower it, one after another."""
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchlinf.losses.region_flips import Candidates, Region, candidates, code_of
+from torchlinf.measure import Measure, SolvedLevels, SolvedShape, mean_of_levels
+
+# Only the order of trying depends on these: the share of the complexity near a region that its flip is expected to
+# gain; the bits that are hoped for, times the root of its share of the area; and one in how many is tried for that.
+PROMISE, HOPE, MIXED = 0.2, 0.5, 4
+NEAR = (3, 3, 2, 1)  # pixels, by the number of dimensions
+UNIT = 2.0**30  # shares of a complexity are summed in steps of 1 / UNIT, as prices in steps of 1 / STEPS
+BATCH = 8  # regions that are tried before the best of them is flipped
+ENOUGH = 0.01  # share by which the objective has to fall, for regions to be looked for once more
+ANY_NUMBER = 1 << 30
+STEPS = 2.0**20  # prices are rounded to 1 / STEPS, so that their sums do not depend on the order of pixels
+EQUAL = 1e-9  # bits; what differs by less is equal, and what gains less does not pay
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What `simplify` was asked for; the measure along the axes of the grid."""
+
+    weight: float
+    threshold: float
+    max_flips: int
+    tries: int
+    max_change: float
+    keep_topology: bool
+    measure: Measure
+
+
+@dataclass(frozen=True, eq=False)
+class Simplified:
+    """One shape, simplified.
+
+    Attributes:
+        mask: bool, what it has become.
+        number: int64, like the mask: which flip has changed a pixel last, from 1; 0 for none.
+        num_flips: how many there are.
+        before: its complexity.
+        after: that of the mask.
+    """
+
+    mask: NDArray[np.bool_]
+    number: NDArray[np.int64]
+    num_flips: int
+    before: float
+    after: float
+
+
+@dataclass(eq=False)
+class _Flip:
+    """A region with what its flip adds to the objective."""
+
+    pixels: Region
+    change: float
+
+
+class Descent:
+    """Flips of one shape that pay, made one after another until none does.
+
+    Attributes:
+        flips: the pixels of each flip, in the order they were made.
+        before: the complexity of the shape.
+    """
+
+    def __init__(
+        self,
+        probability: Tensor,
+        price: NDArray[np.int64],
+        mask: NDArray[np.bool_],
+        allowed: NDArray[np.bool_],
+        rule: Rule,
+        check: Callable[[], None],
+    ) -> None:
+        self._probability, self._rule, self._check = probability.contiguous()[None], rule, check
+        self._price = price.reshape(-1)
+        self._mask, self._closed = mask, ~(mask | allowed).reshape(-1)
+        self._area, self._changed = int(mask.sum()), 0
+        self._sign = np.ones(mask.size, np.int64)  # -1 where a flip changes a pixel back
+        self._touched = np.zeros(mask.size, np.bool_)  # where flips were made since regions were looked for
+        self._weights: dict[int, NDArray[np.float64]] = {}
+        self._refused: list[int] = []  # codes of regions that did not pay
+        self.solved = SolvedShape(mask, rule.measure, check)
+        self.before = self._complexity()
+        self._value = self._objective = self._mean(self.solved.levels.values)
+        self.flips: list[Region] = []
+        self._topology = Topology(mask) if rule.keep_topology else None
+        while self._may_go_on() and self._went_through():
+            pass
+
+    def result(self) -> Simplified:
+        """What has become of the shape."""
+        mask, number = flipped(self._mask, self.flips)
+        return Simplified(mask, number, len(self.flips), self.before, self._complexity())
+
+    def _complexity(self) -> float:
+        """The complexity of the shape as it is."""
+        values, measure = self.solved.levels.values, self._rule.measure
+        return float(mean_of_levels(values, np.array([len(values)]), measure.low, measure.high)[0])
+
+    def _may_go_on(self) -> bool:
+        return self._value > EQUAL and len(self.flips) < self._rule.max_flips
+
+    def _mean(self, values: NDArray[np.float64]) -> float:
+        """The complexity of levels, as `mean_of_levels` has it up to rounding."""
+        return float((values * self._weights_of(len(values))).sum())
+
+    def _weights_of(self, radius: int) -> NDArray[np.float64]:
+        """How much each level counts."""
+        measure = self._rule.measure
+        if radius not in self._weights:
+            ends = np.clip(np.arange(radius + 1) / radius, measure.low, measure.high)
+            self._weights[radius] = np.diff(ends) / (measure.high - measure.low)
+        return self._weights[radius]
+
+    def _cost_of(self, price: int) -> float:
+        return price * self._unit
+
+    @property
+    def _unit(self) -> float:
+        """What 1 / STEPS of log-odds costs in bits."""
+        return self._rule.weight / (STEPS * self._area)
+
+    def _went_through(self) -> bool:
+        """Go through the regions of the shape as it is, until enough are tried in vain; whether that did enough."""
+        proposed, groups = self._regions()
+        began, vain = self._objective, 0
+        batch: list[Region] = []
+        self._touched[:] = False
+        for group in itertools.chain(groups, [None]):
+            if group is not None:
+                some = (proposed.region(number) for number in group)
+                batch += [pixels for pixels in some if not self._touched[pixels].any() and self._keeps_topology(pixels)]
+                if len(batch) < min(BATCH, self._rule.tries):
+                    continue
+            here = len(self.flips)
+            self._make_flips(batch)
+            vain = 0 if len(self.flips) > here else vain + len(batch)
+            if vain >= self._rule.tries or not self._may_go_on():
+                break
+            batch = []
+        return self._objective < began - ENOUGH * began
+
+    def _regions(self) -> tuple[Candidates, list[list[int]]]:
+        """Regions whose flip may pay, those first that promise most; those that may be mirror images stand together.
+
+        A flip straightens what is uneven near it: so it promises the more, the more complexity there is near the
+        region, and the less it costs. Among those are mixed some that are large for their price, which may change what
+        is far from them and lead out of local minima.
+        """
+        from torchlinf.kernels.grid import row_strides
+        from torchlinf.kernels.region_weights import weigh
+
+        inside = torch.from_numpy(self.solved.mask)[None]
+        proposed = candidates(self._probability, self._rule.threshold, ANY_NUMBER, inside)
+        code, numbers = np.unique(proposed.code, return_index=True)
+        numbers = numbers[~np.isin(code, np.array(self._refused, np.uint64))]
+        reach = NEAR[self._mask.ndim - 1]
+        share = np.rint(self.solved.shares(self._weights_of(len(self.solved.levels.values))) * UNIT).astype(np.int64)
+        share = np.pad(share, reach)
+        place = np.flatnonzero(np.pad(np.ones(self._mask.shape, np.bool_), reach))
+        offsets = np.indices((2 * reach + 1,) * share.ndim).reshape(share.ndim, -1) - reach
+        strides = np.array(row_strides(share.shape))
+        steps = np.concatenate([strides, -strides])
+        ahead = np.stack([offsets[:, side == reach].T @ strides for side in (*offsets, *-offsets)])
+        prices, nearby = np.empty((2, len(numbers)), np.int64)
+        most_changed = int(self._rule.max_change * self._area) - self._changed
+        weigh(
+            proposed.pixels, proposed.begin, numbers, self._sign, self._price, self._closed, self._unit,
+            self._value - EQUAL, most_changed, int(self.solved.mask.sum()) // 2, place, share.reshape(-1),
+            strides @ offsets, steps, ahead, np.zeros(2 * share.size, np.int32), prices, nearby,
+        )  # fmt: skip
+        may = nearby > 0
+        numbers, prices, nearby = numbers[may], prices[may], nearby[may]
+        size = proposed.begin[numbers + 1] - proposed.begin[numbers]
+        order = np.lexsort((size, prices, nearby))
+        facts = np.stack([size, prices, nearby])[:, order]
+        first = np.flatnonzero((np.diff(facts, axis=1, prepend=-1) != 0).any(axis=0))
+        groups = np.split(numbers[order], first[1:])
+        size, cost, there = facts[0, first], facts[1, first] * self._unit, facts[2, first] / UNIT
+        odds = there / (there + np.maximum(cost, 0) / PROMISE)
+        worth = (there * odds**3, HOPE * np.sqrt(size / self._area) - cost)
+        careful, bold = ((-gain).argsort(kind="stable").argsort() for gain in worth)
+        best = np.minimum(careful, MIXED * bold).argsort(kind="stable").tolist() if len(first) else []
+        return proposed, [groups[i].tolist() for i in best if len(groups[i]) <= self._rule.tries]
+
+    def _keeps_topology(self, pixels: Region) -> bool:
+        return self._topology is None or self._topology.keeps(pixels)
+
+    def _flip(self, pixels: Region, make: bool) -> float:
+        """What a flip adds to the objective, inf where it is not allowed; with `make` it is made if it pays."""
+        signs = self._sign[pixels]
+        changed = self._changed + int(signs.sum())
+        if changed > self._rule.max_change * self._area or not self._keeps_topology(pixels):
+            return math.inf
+        cost = self._cost_of(int((signs * self._price[pixels]).sum()))
+
+        def change(levels: SolvedLevels) -> float:
+            return self._mean(levels.values) - self._value + cost if len(levels.values) else math.inf
+
+        levels = self.solved.after(pixels, keep=lambda levels: make and change(levels) < -EQUAL)
+        found = change(levels)
+        if make and found < -EQUAL:
+            if self._topology is not None:
+                self._topology.keeps(pixels, make=True)
+            self._value = self._mean(levels.values)
+            self._objective += found
+            self._sign[pixels] *= -1
+            self._changed = changed
+            self._touched[pixels] = True
+            self.flips.append(pixels)
+        return found
+
+    def _make_flips(self, regions: list[Region]) -> None:
+        """Flip those of some regions that pay, the best first, each if it still pays at its turn."""
+        flips = [_Flip(pixels, self._flip(pixels, make=False)) for pixels in regions]
+        self._refused += [code_of(flip.pixels) for flip in flips if not flip.change < -EQUAL]
+        flips = [flip for flip in flips if flip.change < -EQUAL]
+        while flips and len(self.flips) < self._rule.max_flips:
+            best = min(flips, key=lambda flip: (round(flip.change / EQUAL), len(flip.pixels)))
+            equal = [f for f in flips if abs(f.change - best.change) <= EQUAL and len(f.pixels) == len(best.pixels)]
+            flips = [flip for flip in flips if not any(flip is other for other in equal)]
+            # All or none, so that mirror images stay mirror images.
+            pixels = best.pixels if len(equal) == 1 else np.unique(np.concatenate([flip.pixels for flip in equal]))
+            if self._flip(pixels, make=True) < -EQUAL:
+                flips = [flip for flip in flips if not self._touched[flip.pixels].any()]
+
+
+def flipped(mask: NDArray[np.bool_], flips: list[Region]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """A mask after flips, and the number of the flip that changed each pixel last, from 1; 0 for none.
+
+    >>> flipped(np.array([True, False]), [np.array([0, 1]), np.array([1])])
+    (array([False, False]), array([1, 2]))
+    """
+    after, number = mask.copy(), np.zeros(mask.shape, np.int64)
+    for i, pixels in enumerate(flips, start=1):
+        after.reshape(-1)[pixels] ^= True
+        number.reshape(-1)[pixels] = i
+    return after, number
+
+
+class Topology:
+    """A mask in 1-D or 2-D of which it can be told whether a flip keeps its topology."""
+
+    def __init__(self, mask: NDArray[np.bool_]) -> None:
+        from torchlinf.kernels.simple_flips import simple_neighbourhoods
+
+        self._mask = np.pad(mask, 1).astype(np.uint8)
+        index = np.zeros(self._mask.shape, np.bool_)
+        index[(slice(1, -1),) * mask.ndim] = True
+        self._place = np.flatnonzero(index).astype(np.int32)
+        width = self._mask.shape[-1]
+        around = [1, -1] if mask.ndim == 1 else [1, 1 - width, -width, -1 - width, -1, width - 1, width, width + 1]
+        self._around = np.array(around, np.int64)
+        self._simple = simple_neighbourhoods()
+
+    def keeps(self, pixels: Region, make: bool = False) -> bool:
+        """Whether a flip of these pixels is a series of simple flips; with `make` they stay flipped."""
+        from torchlinf.kernels.simple_flips import flip_simply
+
+        flat, places = self._mask.reshape(-1), self._place[pixels]
+        kept = bool(flip_simply(flat, places, self._around, self._simple, np.empty(len(places), np.int32)))
+        if kept and not make:
+            flat[places] ^= 1
+        return kept
