@@ -142,6 +142,6 @@ def _chain_weights(place: Tensor, length: Tensor, peak: Tensor, screening: Tenso
     rise, rest, decay = torch.expm1(-theta * i), torch.expm1(-theta * j), torch.exp(-theta * whole)
     c = rise * rest / (screening * (1 + decay))
     both = torch.expm1(-2 * theta * whole)
-    a = (rise + 1) * torch.expm1(-2 * theta * j) / both
-    b = (rest + 1) * torch.expm1(-2 * theta * i) / both
+    a = torch.exp(-theta * i) * torch.expm1(-2 * theta * j) / both
+    b = torch.exp(-theta * j) * torch.expm1(-2 * theta * i) / both
     return torch.where(peak, a + b, a), torch.where(peak, 0, b), c
