@@ -119,7 +119,7 @@ def test_the_study_runs_is_not_repeated_and_writes_its_tables(
     (tmp_path / "study" / "out" / "images").mkdir(parents=True)
     command.main(arguments)
     printed = capsys.readouterr().out
-    named = [*methods.trainings(), *methods.afterwards("facades")]
+    named = [*methods.terms(), *methods.afterwards("facades")]
     assert all(f"| {name} |" in printed for name in named)
     assert (tmp_path / "study/out/images/regulariser_curves.png").stat().st_size > 1000
     command.main(arguments)

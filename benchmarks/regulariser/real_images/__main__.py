@@ -9,16 +9,16 @@ import argparse
 import json
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from benchmarks.regulariser.real_images.afterwards import simplified
-from benchmarks.regulariser.real_images.data import VARIABLES, Images, load
+from benchmarks.regulariser.real_images.data import VARIABLES, load
 from benchmarks.regulariser.real_images.measures import measured
-from benchmarks.regulariser.real_images.methods import BOTH, PLAIN, TARGET_PRICE, TRUTH, afterwards, trainings
-from benchmarks.regulariser.real_images.network import UNet
+from benchmarks.regulariser.real_images.methods import BOTH, PLAIN, TRUTH, afterwards, terms
 from benchmarks.regulariser.real_images.tables import Found, draw, tables
 from benchmarks.regulariser.real_images.training import State, first_run, logits_of, second_run
 from benchmarks.results import markdown
@@ -42,7 +42,7 @@ class Study:
         done = self._done
         if TRUTH not in done:
             self._keep(TRUTH, {part: self._data[part].masks > 0 for part in PARTS})
-        for method in trainings():
+        for method in terms():
             logits = self._logits(method)
             if method not in done:
                 self._keep(method, {part: z > 0 for part, z in logits.items()})
@@ -50,19 +50,16 @@ class Study:
         for method, change in afterwards(self._name).items():
             if method not in done:
                 self._keep(method, {part: change(z) for part, z in plain.items()})
-        for method, weight in BOTH:
-            title = f"{method}, then simplify {weight:g}"
-            if title not in done:
-                self._keep(title, {part: simplified(z, weight) for part, z in self._logits(method).items()})
+        method, weight = BOTH
+        title = f"{method}, then simplify {weight:g}"
+        if title not in done:
+            self._keep(title, {"held-out": simplified(self._logits(method)["held-out"], weight)})
 
     def _logits(self, method: str) -> dict[str, Tensor]:
         """Predictions of the network that this method trained."""
         file = self._file(f"logits of {method}")
         if not file.exists():
-            training = trainings()[method]
-            images = self._data["train"]
-            targets = self._targets(images) if training.needs_targets else torch.zeros_like(images.masks)
-            network = second_run(self._name, images, targets, self._seed, self._start(), training.term)
+            network = second_run(self._name, self._data["train"], self._seed, self._start(), terms()[method])
             torch.save({part: logits_of(network, self._data[part].images) for part in PARTS}, file)
         return torch.load(file)
 
@@ -72,25 +69,20 @@ class Study:
             torch.save(first_run(self._name, self._data["train"], self._seed).state_dict(), file)
         return torch.load(file)
 
-    def _targets(self, images: Images) -> Tensor:
-        """The predictions of the first run for the training images, simplified."""
-        file = self._file("targets")
-        if not file.exists():
-            network = UNet(self._name)
-            network.load_state_dict(self._start())
-            torch.save(simplified(logits_of(network, images.images), TARGET_PRICE).float(), file)
-        return torch.load(file)
-
     def _file(self, what: str) -> Path:
         return self._states / f"{self._name} {self._seed} {what}.pt"
 
     def _keep(self, method: str, masks: dict[str, Tensor]) -> None:
         began = time.process_time()
-        values = {part: measured(found, self._data[part].masks > 0) for part, found in masks.items()}
-        means = {measure: round(float(np.nanmean(found)), 5) for measure, found in values["choose"].items()}
-        self._done[method] = {"choose": means, "held-out": values["held-out"]}
+        values: dict[str, Any] = {part: measured(found, self._data[part].masks > 0) for part, found in masks.items()}
+        if "choose" in values:
+            values["choose"] = {key: round(float(np.nanmean(found)), 5) for key, found in values["choose"].items()}
+        self._done[method] = values
         self._results.write_text(json.dumps(self._done, separators=(",", ":")) + "\n", encoding="utf-8")
-        print(f"{self._name} {self._seed} {method}: {means} ({time.process_time() - began:.0f} s)", flush=True)
+        print(
+            f"{self._name} {self._seed} {method}, {values.get('choose', '')} ({time.process_time() - began:.0f} s)",
+            flush=True,
+        )
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -17,7 +17,7 @@ CROP = 128
 
 @dataclass(frozen=True)
 class Images:
-    """Images (N, 3, H, W) in [0, 1] and masks (N, K, H, W) of 0 and 1, both float32."""
+    """Images (N, 3, H, W) in [0, 1] and masks (N, 1, H, W) of 0 and 1, both float32."""
 
     images: Tensor
     masks: Tensor

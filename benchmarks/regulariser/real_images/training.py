@@ -14,7 +14,7 @@ CROPS, RATE = 12, 3e-3
 MORE_STEPS, WHOLE, MORE_RATE = 120, 3, 5e-4  # whole images, so that no object is cut
 
 State = dict[str, Tensor]
-Term = Callable[[Tensor, Tensor], Tensor]  # of logits and simplified predictions, both (B, 1, H, W)
+Term = Callable[[Tensor], Tensor]  # of logits (B, 1, H, W)
 
 
 def data_term(logits: Tensor, masks: Tensor) -> Tensor:
@@ -40,21 +40,20 @@ def first_run(name: str, images: Images, seed: int) -> UNet:
     return network
 
 
-def second_run(name: str, images: Images, targets: Tensor, seed: int, start: State, term: Term | None) -> UNet:
-    """The network goes on from `start`, on the same batches whatever the term is; `targets` are for the term."""
+def second_run(name: str, images: Images, seed: int, start: State, term: Term | None) -> UNet:
+    """The network goes on from `start`, on the same batches whatever the term is."""
     network = UNet(name).to(memory_format=torch.channels_last)
     network.load_state_dict(start)
     optimiser = torch.optim.AdamW(network.parameters(), lr=MORE_RATE, weight_decay=1e-2)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, MORE_STEPS)
     draw = torch.Generator().manual_seed(1000 + seed)
-    both = Images(images.images, torch.cat([images.masks, targets], dim=1))
     for _ in range(MORE_STEPS):
-        pictures, masks = batch(both, WHOLE, True, TURNS[name], draw)
+        pictures, masks = batch(images, WHOLE, True, TURNS[name], draw)
         optimiser.zero_grad(set_to_none=True)
         logits = network(pictures)
-        loss = data_term(logits, masks[:, :1])
+        loss = data_term(logits, masks)
         if term is not None:
-            loss = loss + term(logits, masks[:, 1:])
+            loss = loss + term(logits)
         loss.backward()
         optimiser.step()
         schedule.step()
