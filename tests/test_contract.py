@@ -593,7 +593,7 @@ def test_the_default_device_does_not_matter() -> None:
         found = ENTRIES[name].call(MASK)
         if not isinstance(found, float):
             assert number(found) == pytest.approx(reference("{}"), rel=1e-6), name
-    for method in ("monotone", "accelerated"):
+    for method in ("monotone", "accelerated", "batched"):
         rough = torchlinf.complexity_profile(MASK, spatial_ndim=2, method=method, scales=[0.5, 1.0], tol=1e-3)
         assert number(rough.mean()) == pytest.approx(reference("{}"), abs=float(rough.error_bound()) + 1e-9)
     assert shapes.add_noise(shapes.square(16), 2, 3).device.type == "cpu"

@@ -32,7 +32,7 @@ def exact(masks: Tensor, estimator: str = "entropy") -> Tensor:
 
 @pytest.mark.parametrize("spatial", [(37,), (9, 13), (5, 6, 7)])
 @pytest.mark.parametrize("tol", TOLERANCES)
-@pytest.mark.parametrize("method", ["compiled", "accelerated"])
+@pytest.mark.parametrize("method", ["compiled", "batched", "accelerated"])
 def test_the_interval_of_every_level_holds_its_exact_value(spatial: tuple[int, ...], tol: float, method: str) -> None:
     masks = random_masks(20, spatial, seed=len(spatial))
     found = complexity_profile(masks, tol=tol, tol_bits=math.inf, method=method, spatial_ndim=len(spatial))
@@ -78,7 +78,7 @@ def test_the_interval_of_a_standard_deviation_holds_its_exact_value(tol: float) 
         assert (found.level_error_bound > 0).all()
 
 
-@pytest.mark.parametrize("method", ["compiled", "accelerated"])
+@pytest.mark.parametrize("method", ["compiled", "batched", "accelerated"])
 def test_at_the_defaults_every_digit_is_proven(method: str) -> None:
     masks = torch.cat([random_masks(30, (12, 15), seed=5), shapes.box(12, 15)[None], torch.zeros(1, 12, 15).bool()])
     found = complexity_profile(masks, method=method, spatial_ndim=2)
@@ -86,7 +86,7 @@ def test_at_the_defaults_every_digit_is_proven(method: str) -> None:
     assert found.error_bound()[-1].isnan()
 
 
-@pytest.mark.parametrize("method", ["compiled", "accelerated"])
+@pytest.mark.parametrize("method", ["compiled", "batched", "accelerated"])
 @pytest.mark.parametrize("tol_bits", [0.0, 0.01, 0.5])
 def test_a_rough_field_is_solved_on_until_the_bits_are_known(method: str, tol_bits: float) -> None:
     masks = torch.stack([torch.nn.functional.pad(shapes.disc(9), (0, 2, 3, 0)), random_masks(1, (22, 21), seed=1)[0]])

@@ -14,6 +14,7 @@ from torchlinf.kernels import has_compiler
 EVERY_METHOD = [
     "monotone",
     "accelerated",
+    "batched",
     pytest.param("compiled", marks=pytest.mark.skipif(not has_compiler(), reason="needs numba")),
     "auto",
 ]

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchlinf import chessboard_distance, complexity_profile, solve_field
 
-METHODS = ("compiled", "accelerated", "monotone")
+METHODS = ("compiled", "batched", "accelerated", "monotone")
 TOLERANCES = tuple(10.0**-k for k in range(1, 10))
 ROUNDING = 1e-13  # relative: sums of a few ulps
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from benchmarks.questions import batch, distance, field, growth, memory, profile, startup, volume, work
+from benchmarks.questions import batch, distance, field, growth, memory, profile, startup, torch_path, volume, work
 from benchmarks.results import Result
 from benchmarks.sizes import Size
 
@@ -13,6 +13,7 @@ QUESTIONS: dict[str, Callable[[Size], Result]] = {
     "distance": distance.run,
     "profile": profile.run,
     "batch": batch.run,
+    "torch_path": torch_path.run,
     "volume": volume.run,
     "memory": memory.run,
     "startup": startup.run,

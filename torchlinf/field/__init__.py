@@ -1,7 +1,7 @@
 """The screened L-infinity field of a shape: the equation, its solvers, the certificate, and its derivatives.
 
-One file a solver: `value_iteration`, `accelerated_value_iteration` (torch, any device), `policy_iteration` (compiled,
-CPU). What other packages of torchlinf may use is in `__all__`.
+One file a solver: `value_iteration`, `accelerated_value_iteration`, `batched_policy_iteration` (torch, any device),
+`policy_iteration` (compiled, CPU). What other packages of torchlinf may use is in `__all__`.
 """
 
 from torchlinf.field.certificate import RESOLUTION, ROUNDING, certify

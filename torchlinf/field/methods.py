@@ -12,6 +12,7 @@ from torch import Tensor
 
 from torchlinf._helpers.transfer import to_device, to_host
 from torchlinf.field.accelerated_value_iteration import AcceleratedValueIteration
+from torchlinf.field.batched_policy_iteration import solve_batched
 from torchlinf.field.iterate import iterate
 from torchlinf.field.problem import Problem
 from torchlinf.field.solution import FieldSolution
@@ -53,6 +54,7 @@ def _compiled(problem: Problem, tol: float, max_sweeps: int | None) -> FieldSolu
 METHODS: dict[str, Solver] = {
     "monotone": partial(iterate, ValueIteration),
     "accelerated": partial(iterate, AcceleratedValueIteration),
+    "batched": solve_batched,
     "compiled": _compiled,
 }
 

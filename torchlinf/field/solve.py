@@ -38,13 +38,14 @@ def solve_field(
         tol: relative error to reach. Residuals are known to a few ulps of the largest value, so no less than
             8 eps max f is asked for: that matters beyond D = 1200 in float64, and everywhere in float32.
         method: "compiled" is policy iteration in compiled kernels on the CPU, for which a mask on another device makes
-            a trip to the host's memory (numba only); "accelerated" is accelerated value iteration in torch operations
-            (any device); "monotone" is value iteration, the slow reference, whose values decrease to the field (any
-            device). "auto" is "compiled" for masks on the CPU if numba is installed, "accelerated" for all others.
+            a trip to the host's memory (numba only); "batched" is policy iteration in torch operations on all shapes
+            at once, and "accelerated" accelerated value iteration in torch operations (any device); "monotone" is value
+            iteration, the slow reference, whose values decrease to the field (any device). "auto" is "compiled" for
+            masks on the CPU if numba is installed, "accelerated" for all others.
         max_sweeps: sweeps allowed to each shape, an integer of 1 or more; None means far more than the method needs:
-            20000 + 200 D for "compiled", 400 D + 2000 for "accelerated", 40 D^2 + 1000 for "monotone".
+            20000 + 200 D for "compiled" and "batched", 400 D + 2000 for "accelerated", 40 D^2 + 1000 for "monotone".
         throw: raise when a shape is not certified to `tol`; with False look at `status` and `error_bound` instead.
-        compile: fuse the sweeps of "accelerated" and "monotone" by `torch.compile`, and let "auto" mean "accelerated".
+        compile: fuse the sweeps of all methods but "compiled" by `torch.compile`, and let "auto" mean "accelerated".
             Meant for GPUs; on a CPU it costs some seconds at first and did not make them faster.
         spatial_ndim: if given, that many last dimensions are spatial, and all others, any number, are batch.
         dtype: of `value`; float16 ends at 65504, which f exceeds from D = 430 on. f is always computed, and by default

@@ -36,7 +36,8 @@ def complexity_profile(
         mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, nonzero is inside,
             beyond the array is outside. Each (b, c) is one shape.
         scales: (L,) scales in (0, 1]; None means 0.01, 0.02 ... 1.00.
-        method: how the field is solved, "auto", "compiled", "accelerated" or "monotone"; see `solve_field`.
+        method: how the field is solved, "auto", "compiled", "batched", "accelerated" or "monotone"; see
+            `solve_field`.
         spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
         dtype: of the values returned; None means float64 (float32 on a device without it), in which they are always
             computed. `field_error_bound` keeps its own dtype, since it may be too small for a shorter one.
@@ -115,7 +116,8 @@ def complexity(
     Args:
         mask: (B, C, *spatial) with 1 to 4 spatial dimensions, values 0 or 1 of any real dtype, nonzero is inside,
             beyond the array is outside. Each (b, c) is one shape.
-        method: how the field is solved, "auto", "compiled", "accelerated" or "monotone"; see `solve_field`.
+        method: how the field is solved, "auto", "compiled", "batched", "accelerated" or "monotone"; see
+            `solve_field`.
         spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
         dtype: of the result; None means float64 (float32 on a device without it).
         {measure options}

@@ -37,7 +37,8 @@ def complexity_map(
 
     Args:
         mask: (B, C, *spatial), values 0 or 1, nonzero is inside; each (b, c) is one shape.
-        method: how the field is solved, "auto", "compiled", "accelerated" or "monotone"; see `solve_field`.
+        method: how the field is solved, "auto", "compiled", "batched", "accelerated" or "monotone"; see
+            `solve_field`.
         spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
         dtype: of the result; None means float64 (float32 on a device without it).
         {measure options}
