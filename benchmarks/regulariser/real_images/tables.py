@@ -32,7 +32,8 @@ def mean_and_error(values: Iterable[float]) -> tuple[float, float]:
 
 def difference(runs: Runs, method: str, other: str, measure: str) -> tuple[float, float]:
     """Mean over the images of method - other, each the mean over the seeds, and its standard error over the images."""
-    apart = of_seeds(runs, method, measure) - of_seeds(runs, other, measure)
+    common = {seed: found for seed, found in runs.items() if method in found and other in found}
+    apart = of_seeds(common, method, measure) - of_seeds(common, other, measure)
     number = np.isfinite(apart).sum(axis=0)
     return mean_and_error(np.where(number, np.nansum(apart, axis=0) / np.maximum(number, 1), np.nan))
 
@@ -50,14 +51,14 @@ def methods_of(runs: Runs) -> list[str]:
 def _values(name: str, runs: Runs) -> Table:
     rows: list[list[Cell]] = []
     for method in methods_of(runs):
-        row: list[Cell] = [method]
+        row: list[Cell] = [method, len(of_seeds(runs, method, AIM))]
         for measure in SHOWN:
             by_seed = [np.nanmean(values) for values in of_seeds(runs, method, measure)]
             value, error = mean_and_error(by_seed)
             row.append(f"{value:.3f}" if method == TRUTH or np.isnan(error) else f"{value:.3f} ± {error:.3f}")
         rows.append(row)
-    note = "Means over the held-out images and the seeds ± standard error over the seeds; complexity in bits."
-    return Table(f"{name.capitalize()}: all numbers", ["", *SHOWN], rows, note)
+    note = "Means over the held-out images, then over the seeds, ± standard error over the seeds. Complexity in bits."
+    return Table(f"{name.capitalize()}: all numbers", ["", "seeds", *SHOWN], rows, note)
 
 
 def _differences(name: str, runs: Runs) -> Table:
