@@ -16,6 +16,7 @@ TV_WEIGHTS = (1.0, 3.0, 10.0, 30.0)
 LOSS_WEIGHTS = (0.1, 0.4)
 SIMPLIFY_WEIGHTS = (3.0, 10.0, 30.0)
 OWN_WEIGHTS = (10.0,)
+TOPOLOGY_WEIGHTS = (30.0,)
 SIDES = (2, 3, 5)
 TOLERANCES = (1.0, 2.0, 4.0)
 
@@ -50,6 +51,8 @@ def afterwards(name: str) -> dict[str, Callable[[Tensor], Tensor]]:
         found[f"simplify {weight:g}"] = partial(simplified, weight=weight)
     for weight in OWN_WEIGHTS:
         found[f"simplify {weight:g}, own frame"] = partial(simplified, weight=weight, orientation="own")
+    for weight in TOPOLOGY_WEIGHTS:
+        found[f"simplify {weight:g}, topology kept"] = partial(simplified, weight=weight, keep_topology=True)
     return found
 
 
