@@ -46,6 +46,15 @@ def test_a_system_does_not_depend_on_the_others(monkeypatch: pytest.MonkeyPatch)
     assert torch.equal(solve_by_elimination(alone, rank[80:], shape[80:] - 1), together[80:])
 
 
+def test_a_system_without_a_solution_does_not_touch_the_others() -> None:
+    """x = y + 1 and y = x in one shape; x = y / 2 + 1 and y = 1 in the other."""
+    terms = Terms(torch.tensor([0, 0, 1, 2, 2, 3]), torch.tensor([1, 4, 0, 3, 4, 4]), torch.ones(6).double())
+    terms.weight[3] = 0.5
+    found = solve_by_elimination(terms, torch.tensor([0, 1, 0, 1]), torch.tensor([0, 0, 1, 1]))
+    assert not found[:2].isfinite().any()
+    assert found[2:].tolist() == [1.5, 1.0]
+
+
 @pytest.mark.parametrize("rho", [0.01, 3.0, 1e6])
 @pytest.mark.parametrize("length", [1, 2, 9])
 @pytest.mark.parametrize("peak", [False, True])

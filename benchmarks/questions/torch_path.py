@@ -11,8 +11,7 @@ from benchmarks.results import Cell, Result, Table, Target
 from benchmarks.sizes import Size
 from benchmarks.timing import Times, alternate, ratio
 from torchlinf import solve_field
-from torchlinf.field import Problem, pose
-from torchlinf.field.stencil import Layout, System
+from torchlinf.field import Layout, System, pose
 
 METHODS = ("accelerated", "batched")
 SWEEPS = 10
@@ -23,7 +22,7 @@ class TorchSweep:
 
     def __init__(self, mask: Tensor) -> None:
         """Set up the shape on its layout with its distance as values."""
-        problem: Problem = pose(mask[None], None, (1,))
+        problem = pose(mask[None], None, (1,))
         layout = Layout(problem.mask)
         inside = layout.rows(layout.pack(problem.mask.double()))
         self.radius = int(problem.radius)

@@ -1,7 +1,7 @@
 """The screened L-infinity field of a shape: the equation, its solvers, the certificate, and its derivatives.
 
 One file a solver: `value_iteration`, `accelerated_value_iteration`, `batched_policy_iteration` (torch, any device),
-`policy_iteration` (compiled, CPU). What other packages of torchlinf may use is in `__all__`.
+`policy_iteration` (compiled, CPU). What other packages of torchlinf, and the benchmarks, may use is in `__all__`.
 """
 
 from torchlinf.field.certificate import RESOLUTION, ROUNDING, certify
@@ -20,15 +20,17 @@ from torchlinf.field.soft import (
 )
 from torchlinf.field.solution import FieldSolution, Status, raise_failures
 from torchlinf.field.solve import largest, linf_field, normalised, solve, solve_field
-from torchlinf.field.stencil import residual
+from torchlinf.field.stencil import Layout, System, residual
 
 __all__ = [
     "METHODS",
     "RESOLUTION",
     "ROUNDING",
     "FieldSolution",
+    "Layout",
     "Problem",
     "Status",
+    "System",
     "as_probability",
     "certify",
     "chessboard_distance",

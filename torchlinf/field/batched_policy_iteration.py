@@ -45,7 +45,7 @@ class _Rounds:
         self.limit = 20_000 + 200 * problem.radius.long()
         if max_sweeps is not None:
             self.limit = torch.full_like(self.limit, max_sweeps)
-        self.done = torch.zeros_like(self.limit, dtype=torch.float64)
+        self.done = torch.zeros_like(problem.screening)
         self.solves = torch.zeros_like(self.limit)
         values = start(problem)
         self.largest = values.flatten(1).amax(dim=1)
@@ -120,7 +120,9 @@ class _Rounds:
     def _solve_policies(self) -> None:
         highs, lows = self._extrema(torch.maximum), self._extrema(torch.minimum)
         tie = self.largest * max(TIE, 32 * torch.finfo(self.line.dtype).eps)
-        self.line[self.pixels.place] = solve_policies(self.pixels, tie, highs, lows, self.layout.strides)
+        found = solve_policies(self.pixels, tie, highs, lows, self.layout.strides)
+        # without screening to speak of, wrong policies may have no values: sweeps go on from those that are there
+        self.line[self.pixels.place] = torch.where(found.isfinite(), found, self.line[self.pixels.place])
         self.solves += 1
 
     def _extrema(self, extremum: Callable[..., Tensor]) -> list[Tensor]:

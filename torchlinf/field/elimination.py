@@ -32,7 +32,7 @@ class Terms:
 
 
 def solve_by_elimination(terms: Terms, rank: Tensor, shape: Tensor) -> Tensor:
-    """The solution x, (M,), of M equations; unknown M is the constant 1.
+    """The solution x, (M,), of M equations; unknown M is the constant 1. A shape without one has numbers, inf or NaN.
 
     Args:
         terms: of all equations, in any order; an unknown may occur twice in an equation.
@@ -171,4 +171,4 @@ def _solve_dense(equations: Terms, unknowns: Tensor, shape: Tensor) -> Tensor:
     right[of_system[constant.row], place[constant.row]] = constant.weight
     others = equations.where(equations.of < count)
     matrix[of_system[others.row], place[others.row], place[others.of]] = -others.weight
-    return torch.linalg.solve(matrix, right)[system, place[unknowns]]
+    return torch.linalg.solve_ex(matrix, right).result[system, place[unknowns]]
