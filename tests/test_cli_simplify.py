@@ -218,3 +218,10 @@ def test_outlines_keep_attributes_and_coordinates(tmp_path: Path) -> None:
     assert call(tmp_path / "in.gpkg", "-o", tmp_path / "in.gpkg", "--resolution", 0.25, "--overwrite")[0] == 2
     assert call(tmp_path / "in.gpkg", "-o", tmp_path / "new.gpkg")[0] == 2  # no size of a pixel
     assert call(tmp_path / "in.gpkg", "-o", tmp_path / "new.geojson", "--resolution", 0.25, "--labels")[0] == 2
+
+
+@pytest.mark.parametrize("option", ["--label", "--threshold", "--ignore"])
+def test_an_option_of_masks_is_refused_for_outlines_though_it_is_zero(tmp_path, option):
+    code, said = call(tmp_path / "in.gpkg", "-o", tmp_path / "out.gpkg", "--resolution", 0.25, option, 0)
+    assert code == 2
+    assert f"{option} is not for outlines" in " ".join(said.replace("│", " ").split())

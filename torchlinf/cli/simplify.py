@@ -39,7 +39,9 @@ def simplify(
         float, typer.Option("--weight", metavar="W", help="Price of log-odds (pixels) a share of the area, in bits.")
     ] = 10.0,
     max_flips: Annotated[int, typer.Option(min=1, metavar="N", help="Flips that a shape may have.")] = 256,
-    tries: Annotated[int, typer.Option(min=1, metavar="N", help="Regions that are tried at a time.")] = 32,
+    tries: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Regions tried in vain, one after another, for an end.")
+    ] = 32,
     max_change: Annotated[
         float, typer.Option(metavar="SHARE", help="Share of the area of a shape that may be changed.")
     ] = 0.5,
@@ -150,7 +152,9 @@ def simplify(
 
 
 def _refuse(options: dict[str, Any], why: str) -> None:
-    if given := [f"--{name.replace('_', '-')}" for name, value in options.items() if value]:
+    # 0 is a value that was given, as a label or a threshold.
+    named = [name for name, value in options.items() if value is not False and value not in (None, (), [])]
+    if given := [f"--{name.replace('_', '-')}" for name in named]:
         raise typer.BadParameter(f"{', '.join(given)} {why}", param_hint=", ".join(given))
 
 

@@ -64,7 +64,7 @@ def simplify(
         weight: bits for the whole area of a polygon, 0 or more: a flip of 1 % of the area must lower the complexity by
             weight / 100.
         max_flips: how many flips a polygon may have.
-        tries: regions that are tried at a time, as in `torchlinf.simplify`.
+        tries: how many regions have to be tried in vain, one after another, for an end, as in `torchlinf.simplify`.
         max_change: share of the area of a polygon that may be changed, in (0, 1].
         keep_topology: whether the drawing keeps its components and holes. Without it a flip may cut a polygon in two.
         repair: whether invalid geometries are made valid by shapely's `make_valid` first.
