@@ -12,7 +12,7 @@ def cores() -> int:
 
 
 @contextmanager
-def progress(done: int, total: int, shown: bool) -> Iterator[Callable[[], None]]:
+def progress(done: int, total: int, shown: bool, doing: str = "scoring") -> Iterator[Callable[[], None]]:
     """A bar on the terminal, with the time so far and what a long solve says; yields what advances it by a step.
 
     Masks that worker processes score say nothing: there are many of them, and the bar moves.
@@ -30,7 +30,7 @@ def progress(done: int, total: int, shown: bool) -> Iterator[Callable[[], None]]
     from torchlinf._helpers.parallel import told_to  # which imports torch
 
     columns = (
-        TextColumn("scoring"),
+        TextColumn(doing),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
@@ -42,6 +42,6 @@ def progress(done: int, total: int, shown: bool) -> Iterator[Callable[[], None]]
         yield lambda: None
         return
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("scoring", total=total, completed=done, solve="")
+        task = progress.add_task(doing, total=total, completed=done, solve="")
         with told_to(lambda text: progress.update(task, solve=text)):
             yield lambda: progress.update(task, advance=1, solve="")

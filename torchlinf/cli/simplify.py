@@ -1,5 +1,6 @@
 """`torchlinf simplify`: simpler masks, and simpler outlines, in files of the same kind."""
 
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -142,7 +143,7 @@ def simplify(
                 say(f"{before} of {len(sources)} masks are in {table} already.")
             failed = 0
             groups = simplify_groups(new, options, workers=workers or cores())
-            with closing(groups), progress(before, len(sources), shown=True) as advance:
+            with closing(groups), progress(before, len(sources), True, "simplifying") as advance:
                 for (source, _), rows in zip(new, groups, strict=True):
                     earlier = [name for name in held if _source_of(name) == source.name]
                     put(*rows, instead_of=sorted({*earlier} - {row.path for row in rows}))
@@ -187,12 +188,8 @@ def _targets(paths: Sequence[Path], sources: Sequence[Source], out: Path) -> lis
     for target in targets:
         if target.resolve() in read:
             raise typer.BadParameter(f"{target} is one of the masks; pass another folder", param_hint="--out")
-    whole = [target for source, target in zip(sources, targets, strict=True) if source.member is None]
-    if (
-        twice := next((target for target in whole if whole.count(target) > 1), None)
-        if len(set(whole)) < len(whole)
-        else None
-    ):
+    whole = Counter(target for source, target in zip(sources, targets, strict=True) if source.member is None)
+    if twice := next((target for target, number in whole.items() if number > 1), None):
         raise typer.BadParameter(f"two masks would be written to {twice}; pass their folders one by one")
     return targets
 

@@ -56,7 +56,7 @@ def simplify_geodata(
     threads = torch.get_num_threads()
     torch.set_num_threads(workers)
     try:
-        with endings(out), progress(0, number_of_parts(file, drawing["layer"]), True) as advance:
+        with endings(out), progress(0, number_of_parts(file, drawing["layer"]), True, "simplifying") as advance:
             try:
                 frame = simplified_outlines(file, plain | dict(rule), drawing["layer"], drawing["crs"], advance)
             except UnreadableMaskError as error:

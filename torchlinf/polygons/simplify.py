@@ -64,9 +64,11 @@ def simplify(
         weight: bits for the whole area of a polygon, 0 or more: a flip of 1 % of the area must lower the complexity by
             weight / 100.
         max_flips: how many flips a polygon may have.
-        tries: how many regions have to be tried in vain, one after another, for an end, as in `torchlinf.simplify`.
+        tries: how many regions have to be tried in vain, one after another, for an end, as in `torchlinf.simplify`;
+            twice as many by default, since outlines have few large parts.
         max_change: share of the area of a polygon that may be changed, in (0, 1].
-        keep_topology: whether the drawing keeps its components and holes. Without it a flip may cut a polygon in two.
+        keep_topology: whether the drawing keeps its components, joined through faces and corners, and holes. Without
+            it a flip may cut a polygon in two. What is joined by a corner alone comes out as two polygons.
         repair: whether invalid geometries are made valid by shapely's `make_valid` first.
         max_pixels: an outline that needs a larger drawing is refused.
         errors: "row", what cannot be simplified has None for a geometry and the reason in "error"; or "raise".

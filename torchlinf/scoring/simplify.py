@@ -226,14 +226,24 @@ def _of_masks(found: Sequence[Found], pixels: NDArray[Any], values: Values, opti
         row, wanted = _simplified(torch.from_numpy(before), options.rule)
         after = wanted & (before | free)
         if bool((after != wanted).any()):  # another label has some of what it would gain
-            row = replace(row, after=_complexity(after, options), changed=int((before ^ after).sum()))
-            row = replace(row, cost=float(row.changed or 0))
+            row, after = _less_gained(row, before, after, options)
         inside = _commonest(pixels, before)
         pixels[before & ~after] = outside
         pixels[after & ~before] = inside
         free &= ~after
         rows.append(replace(row, path=one.suffix, label=one.label, inside=one.rule))
     return rows
+
+
+def _less_gained(
+    row: Simplified, before: NDArray[np.bool_], after: NDArray[np.bool_], options: Simplifying
+) -> tuple[Simplified, NDArray[np.bool_]]:
+    """What is left of a simpler mask that could not gain all it wanted, if that still pays and the topology is free."""
+    changed, value = int((before ^ after).sum()), _complexity(after, options)
+    pays = row.before is not None and value + options.rule["weight"] * changed / before.sum() < row.before
+    if options.rule["keep_topology"] or not pays:
+        return replace(row, after=row.before, flips=0, changed=0, cost=0.0), before
+    return replace(row, after=value, changed=changed, cost=float(changed)), after
 
 
 def _simplified(prediction: torch.Tensor, rule: Mapping[str, Any]) -> tuple[Simplified, NDArray[np.bool_]]:
