@@ -87,7 +87,8 @@ def simplify(
         prediction: (B, C, *spatial) with 1 to 4 spatial dimensions, each (b, c) one shape: probabilities in [0, 1], for
             example `torch.sigmoid(logits)`; or a mask, bool or integers of 0 and 1, where each pixel that is changed
             costs 1. Log-odds count up to 16.
-        weight: price of log-odds against bits, 0 or more. Choose it on held-out images.
+        weight: price of log-odds against bits, 0 or more. Choose it on held-out images: for networks on photographs 30
+            cost 0.001 of the overlap (IoU), 10 cost 0.004, docs/regulariser.
         threshold: a pixel is inside if its probability is greater; in (0, 1).
         max_flips: how many flips a shape (object) may have.
         tries: how many regions have to be tried in vain, one after another, for an end: with more of them it finds
