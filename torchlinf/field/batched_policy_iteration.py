@@ -8,12 +8,12 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from torchlinf.field.certificate import RESOLUTION, certify
+from torchlinf.field.certificate import certify
 from torchlinf.field.distance import distance_of
-from torchlinf.field.iterate import unsolved
+from torchlinf.field.iterate import NEVER, ended, groups, unsolved
 from torchlinf.field.policy_graph import Pixels, solve_policies
 from torchlinf.field.problem import Problem
-from torchlinf.field.solution import FieldSolution, Status
+from torchlinf.field.solution import FieldSolution
 from torchlinf.field.start import start
 from torchlinf.field.stencil import Layout, System
 
@@ -28,11 +28,8 @@ GROUP_PIXELS = 1 << 20
 def solve_batched(problem: Problem, tol: float, max_sweeps: int | None) -> FieldSolution:
     """Solve all shapes, on a CPU in groups of bounded memory."""
     answer = unsolved(problem.radius, problem.screening.new_zeros(problem.mask.shape))
-    present = problem.radius.nonzero()[:, 0]
-    size = max(1, GROUP_PIXELS // max(1, problem.mask[0].numel())) if len(present) else 1
-    for group in present.split(size if problem.mask.device.type == "cpu" else max(1, len(present))):
-        if len(group):
-            _Rounds(problem.select(group), group, max_sweeps).solve(tol, answer)
+    for group in groups(problem, GROUP_PIXELS // max(1, problem.mask[:1].numel())):
+        _Rounds(problem.select(group), group, max_sweeps).solve(tol, answer)
     return answer
 
 
@@ -97,11 +94,8 @@ class _Rounds:
         self.bound = torch.where(better, bound, self.bound)
         values = self.layout.unpack(self.layout.rows(self.line))
         self.best = torch.where(better.view(-1, *[1] * (values.ndim - 1)), values, self.best)
-        floor = RESOLUTION * torch.finfo(values.dtype).eps * self.best.flatten(1).amax(dim=1)
-        status = torch.where(self.done + 2 > self.limit, int(Status.MAX_SWEEPS), -1)
-        status = torch.where(bound.isnan(), int(Status.NONFINITE), status)
-        status = torch.where(self.bound <= floor.clamp(min=tol), int(Status.CONVERGED), status)
-        leave = status >= 0
+        status = ended(bound, self.bound, self.best.flatten(1).amax(dim=1), self.done + 2 > self.limit, tol)
+        leave = status != NEVER
         if not leave.any():
             return
         gone = self.shape[leave]

@@ -48,11 +48,11 @@ def iterate(kind: type[Method], problem: Problem, tol: float, max_sweeps: int | 
     """
     layout = Layout(problem.mask)
     answer = unsolved(problem.radius, problem.screening.new_zeros(problem.mask.shape))
-    for group in _groups(problem, layout.pixels):
-        radius, screening = problem.radius[group].long(), problem.screening[group]
-        inside = layout.rows(layout.pack(problem.mask[group].to(screening.dtype)))
-        values = layout.pack(start(Problem(problem.mask[group], problem.distance[group], radius, screening)))
-        system = System(layout, inside, screening[:, None], radius, problem.compile)
+    for group in groups(problem, GROUP_PIXELS // layout.pixels):
+        chosen = problem.select(group)
+        inside = layout.rows(layout.pack(chosen.mask.to(chosen.screening.dtype)))
+        values = layout.pack(start(chosen))
+        system = System(layout, inside, chosen.screening[:, None], chosen.radius.long(), problem.compile)
         Batch(kind, system, values, group, max_sweeps).solve(tol, answer)
     return answer
 
@@ -68,11 +68,27 @@ def unsolved(radius: Tensor, value: Tensor) -> FieldSolution:
     )
 
 
-def _groups(problem: Problem, pixels: int) -> Iterator[Tensor]:
-    """Indices of the shapes that are not empty, on a CPU in groups whose storage fits its cache."""
+def groups(problem: Problem, size: int) -> Iterator[Tensor]:
+    """Indices of the shapes that are not empty, on a CPU in groups of that size, so that their storage is bounded."""
     present = problem.radius.nonzero()[:, 0]
-    size = max(1, GROUP_PIXELS // pixels) if present.device.type == "cpu" else max(1, len(present))
-    yield from (group for group in present.split(size) if len(group))
+    size = size if present.device.type == "cpu" else len(present)
+    yield from (group for group in present.split(max(1, size)) if len(group))
+
+
+def ended(bound: Tensor, best: Tensor, largest: Tensor, used_up: Tensor, tol: float) -> Tensor:
+    """The status (N,) of the shapes that are to leave, NEVER for the others.
+
+    Args:
+        bound: what was certified last.
+        best: the least bound of each shape so far.
+        largest: the largest of the values that belong to it.
+        used_up: which shapes have no sweeps left.
+        tol: the bound to reach.
+    """
+    floor = RESOLUTION * torch.finfo(largest.dtype).eps * largest
+    status = torch.where(used_up, int(Status.MAX_SWEEPS), NEVER)
+    status = torch.where(bound.isnan(), int(Status.NONFINITE), status)
+    return torch.where(best <= floor.clamp(min=tol), int(Status.CONVERGED), status)
 
 
 class Batch:
@@ -117,11 +133,9 @@ class Batch:
         better = bound < self.bound
         self.bound = torch.where(better, bound, self.bound)
         torch.where(better[:, None], values, self.best, out=self.best)
-        floor = RESOLUTION * torch.finfo(self.best.dtype).eps * self.best.amax(dim=1)
         # at least one step and its certificate have to fit in
-        status = torch.where(self.done + self.method.step_sweeps + 1 > self.limit, int(Status.MAX_SWEEPS), NEVER)
-        status = torch.where(bound.isnan(), int(Status.NONFINITE), status)
-        return torch.where(self.bound <= floor.clamp(min=tol), int(Status.CONVERGED), status)
+        used_up = self.done + self.method.step_sweeps + 1 > self.limit
+        return ended(bound, self.bound, self.best.amax(dim=1), used_up, tol)
 
     def _finish(self, leave: Tensor, status: Tensor, answer: FieldSolution) -> None:
         gone = self.shape[leave]
