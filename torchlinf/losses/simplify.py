@@ -17,6 +17,7 @@ from torch import Tensor
 from torchlinf._helpers.boxes import bounding_box
 from torchlinf._helpers.checks import as_mask, choice, count, flag, fraction, not_negative
 from torchlinf._helpers.parallel import for_each
+from torchlinf._helpers.transfer import to_device, to_host
 from torchlinf.kernels import has_compiler
 from torchlinf.losses.descent import STEPS, Descent, Rule, Simplified
 from torchlinf.losses.redrawing import simplified_in_frame
@@ -181,16 +182,12 @@ def simplify(
     owner = [job.shape for job in jobs]
     before = _mean_over([result.before for result in results], owner, len(inside))
     after = _mean_over([result.after for result in results], owner, len(inside))
-    shape, device = prediction.shape, prediction.device
-    return Simplification(
-        mask=torch.from_numpy(mask).reshape(shape).to(device),
-        flip_number=torch.from_numpy(number).reshape(shape).to(device),
-        num_flips=torch.from_numpy(flips).reshape(batch_shape).to(device),
-        before=before.reshape(batch_shape).to(device),
-        after=after.reshape(batch_shape).to(device),
-        cost=torch.from_numpy(cost).reshape(batch_shape).to(device),
-        measure=measure,
-    )
+    maps = {"mask": mask, "flip_number": number}
+    numbers = {"num_flips": flips, "before": before, "after": after, "cost": cost}
+    found = {name: torch.from_numpy(values).reshape(prediction.shape) for name, values in maps.items()}
+    found |= {name: torch.from_numpy(values).reshape(batch_shape) for name, values in numbers.items()}
+    there = to_device(prediction.device, *found.values())
+    return Simplification(**dict(zip(found, there, strict=True)), measure=measure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,6 +213,8 @@ def _prices(
     prediction: Tensor, threshold: float, spatial_ndim: int | None
 ) -> tuple[Tensor, NDArray[np.int64], tuple[int, ...]]:
     """Probability (N, *spatial) on the CPU, the price of each pixel in 1 / STEPS, and the batch shape."""
+    if isinstance(prediction, Tensor):
+        (prediction,) = to_host(prediction)
     if isinstance(prediction, Tensor) and prediction.is_floating_point():
         if not bool(((prediction >= 0) & (prediction <= 1)).all()):
             raise ValueError(
@@ -224,12 +223,12 @@ def _prices(
             )
         _, batch_shape = as_mask(prediction > threshold, spatial_ndim)
         ndim = prediction.ndim - len(batch_shape)
-        probability = prediction.detach().cpu().double().reshape(-1, *prediction.shape[prediction.ndim - ndim :])
+        probability = prediction.double().reshape(-1, *prediction.shape[prediction.ndim - ndim :])
         odds = torch.logit(probability, eps=1e-12) - math.log(threshold / (1 - threshold))
         price = odds.abs().clamp(max=CERTAIN)
     else:
         mask, batch_shape = as_mask(prediction, spatial_ndim)
-        probability = mask.cpu().double()
+        probability = mask.double()
         price = torch.ones_like(probability)
     return probability, (price * STEPS).round().long().numpy(), batch_shape
 
@@ -270,8 +269,9 @@ def _grown(box: tuple[slice, ...], shape: tuple[int, ...]) -> tuple[slice, ...]:
     )
 
 
-def _mean_over(values: list[float], owner: list[int], num_shapes: int) -> Tensor:
+def _mean_over(values: list[float], owner: list[int], num_shapes: int) -> NDArray[np.float64]:
     """The mean of what belongs to each shape, NaN for none."""
     of = np.array(owner, np.int64)
     number, total = np.bincount(of, minlength=num_shapes), np.bincount(of, values, num_shapes)
-    return torch.from_numpy(np.divide(total, number, out=np.full(num_shapes, np.nan), where=number > 0))
+    means: NDArray[np.float64] = np.divide(total, number, out=np.full(num_shapes, np.nan), where=number > 0)
+    return means
