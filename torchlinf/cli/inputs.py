@@ -1,7 +1,8 @@
 """The masks that a command is given."""
 
+import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -63,3 +64,15 @@ def tell_passed_over(passed_over: Counter[str]) -> None:
     kinds = [f"{number:,} {kind}" for kind, number in counts if number]
     shown = kinds if len(kinds) <= KINDS_SHOWN else [*kinds[: KINDS_SHOWN - 1], "others"]
     say(f"Passed over in folders: {total:,} ({', '.join(shown)}).")
+
+
+def by_source(paths: Iterable[str], names: Collection[str]) -> dict[str, list[str]]:
+    """Paths of rows by their source; a page, a label and an object may be behind its name, as stack.npy[3]#15@2."""
+    sources: dict[str, list[str]] = {}
+    for path in paths:
+        shorter = [path]
+        for behind in (r"@\d+$", r"#\d+$", r"\[\d+\]$"):
+            shorter.append(re.sub(behind, "", shorter[-1]))
+        name = next((name for name in shorter if name in names), shorter[-1])
+        sources.setdefault(name, []).append(path)
+    return sources

@@ -1,15 +1,13 @@
 """`torchlinf score`: a table of masks."""
 
-import re
 import sys
-from collections.abc import Collection, Iterable
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from torchlinf.cli.inputs import find_sources, reading_options, spacing_of
+from torchlinf.cli.inputs import by_source, find_sources, reading_options, spacing_of
 from torchlinf.cli.measure_options import takes_measure
 from torchlinf.cli.options import (
     AsJson,
@@ -123,7 +121,7 @@ def score(
         refuse_source(out, sources)
         with open_table(out, as_json=as_json, resume=not overwrite, retry=retry, **options.measuring) as put:
             names = {source.name for source in sources}
-            held, failures = _by_source(put.done, names), _by_source(put.failed, names)
+            held, failures = by_source(put.done, names), by_source(put.failed, names)
             done = held.keys() - failures.keys()
             new = [source for source in sources if source.name not in done]
             failed += sum(any(put.done[path] is not None for path in held[name]) for name in done & names)
@@ -145,15 +143,3 @@ def score(
             title = "Complexity of shapes" if out is None else f"Complexity of shapes: {out.name}"
             write_page(cells, report, title, Path(), max_pixels=max_pixels)
     end_if_failed(failed, len(sources), "" if is_standard_output(out) or retry else " --retry scores them again.")
-
-
-def _by_source(paths: Iterable[str], names: Collection[str]) -> dict[str, list[str]]:
-    """Paths of rows by their source; a page, a label and an object may be behind its name, as stack.npy[3]#15@2."""
-    sources: dict[str, list[str]] = {}
-    for path in paths:
-        shorter = [path]
-        for behind in (r"@\d+$", r"#\d+$", r"\[\d+\]$"):
-            shorter.append(re.sub(behind, "", shorter[-1]))
-        name = next((name for name in shorter if name in names), shorter[-1])
-        sources.setdefault(name, []).append(path)
-    return sources

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from torchlinf.cli.outputs import endings, folder_problem, say
-from torchlinf.cli.progress import cores, progress
+from torchlinf.cli.progress import cores, progress, threads
 
 Resolution = Annotated[
     float | None,
@@ -91,8 +91,6 @@ def score_geodata(
         typer.BadParameter: options that contradict each other.
         typer.Exit: some outlines failed (1), or all had to end (2).
     """
-    import torch
-
     from torchlinf.scoring import GeoOptions, number_of_parts, open_journal, parts_of, rows_in, write_geo_table
 
     _check_out(out, files, as_json, overwrite)
@@ -105,21 +103,16 @@ def score_geodata(
             return
         files = list(dict.fromkeys(files))
         parts = []
-        threads = torch.get_num_threads()
-        torch.set_num_threads(workers)
-        try:
-            with open_journal(out, options, overwrite) as journal:
-                steps = sum(number_of_parts(file, options.layer) for file in files)
-                with progress(0, steps, out is not None) as advance:
-                    for file in files:
-                        for part in parts_of(file, options, journal.done.get(str(file), {}) if journal else {}):
-                            parts.append(part)
-                            if journal:
-                                journal.append(part)
-                            advance()
-                write_geo_table(out, parts, options, as_json=as_json)
-        finally:
-            torch.set_num_threads(threads)
+        with threads(workers), open_journal(out, options, overwrite) as journal:
+            steps = sum(number_of_parts(file, options.layer) for file in files)
+            with progress(0, steps, out is not None) as advance:
+                for file in files:
+                    for part in parts_of(file, options, journal.done.get(str(file), {}) if journal else {}):
+                        parts.append(part)
+                        if journal:
+                            journal.append(part)
+                        advance()
+            write_geo_table(out, parts, options, as_json=as_json)
     _end_if_failed(sum(part.failed() for part in parts), sum(len(part.columns["row"]) for part in parts))
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torchlinf.cli.inputs import find_sources, reading_options
+from torchlinf.cli.inputs import by_source, find_sources, reading_options
 from torchlinf.cli.measure_options import parse_orientation, takes_measure
 from torchlinf.cli.options import Ignore, Invert, Label, Labels, MaxPixels, Overwrite, Paths, Workers
 from torchlinf.cli.outputs import STATUS, end_if_failed, endings, say
@@ -137,7 +137,14 @@ def simplify(
         targets = _targets(paths, sources, out)
         out.mkdir(parents=True, exist_ok=True)
         with open_simplified(table, options, overwrite=overwrite) as (held, put):
-            done = _done(held, sources, targets)
+            earlier = by_source(held, {source.name for source in sources})
+            done = {
+                source.name
+                for source, target in zip(sources, targets, strict=True)
+                if source.name in earlier
+                and all(held[path].error is None for path in earlier[source.name])
+                and target.exists()
+            }
             new = [(source, target) for source, target in zip(sources, targets, strict=True) if source.name not in done]
             if before := len(sources) - len(new):
                 say(f"{before} of {len(sources)} masks are in {table} already.")
@@ -145,8 +152,7 @@ def simplify(
             groups = simplify_groups(new, options, workers=workers or cores())
             with closing(groups), progress(before, len(sources), True, "simplifying") as advance:
                 for (source, _), rows in zip(new, groups, strict=True):
-                    earlier = [name for name in held if _source_of(name) == source.name]
-                    put(*rows, instead_of=sorted({*earlier} - {row.path for row in rows}))
+                    put(*rows, instead_of=sorted({*earlier.get(source.name, ())} - {row.path for row in rows}))
                     failed += any(row.error is not None for row in rows)
                     advance()
     end_if_failed(failed, len(sources), f" It is {table}; the same command tries them again.")
@@ -192,21 +198,3 @@ def _targets(paths: Sequence[Path], sources: Sequence[Source], out: Path) -> lis
     if twice := next((target for target, number in whole.items() if number > 1), None):
         raise typer.BadParameter(f"two masks would be written to {twice}; pass their folders one by one")
     return targets
-
-
-def _source_of(path: str) -> str:
-    return path.rpartition("#")[0] if path.rpartition("#")[2].isdigit() and "#" in path else path
-
-
-def _done(held: Any, sources: Sequence[Source], targets: Sequence[Path]) -> set[str]:
-    """The masks that are written, and have no error in the table."""
-    names, broken = set(), set()
-    for name, row in held.items():
-        names |= {name, _source_of(name)}
-        if row.error is not None:
-            broken |= {name, _source_of(name)}
-    return {
-        source.name
-        for source, target in zip(sources, targets, strict=True)
-        if source.name in names and source.name not in broken and target.exists()
-    }

@@ -7,7 +7,7 @@ from typing import Any
 import typer
 
 from torchlinf.cli.outputs import endings, fail, folder_problem, say
-from torchlinf.cli.progress import progress
+from torchlinf.cli.progress import progress, threads
 from torchlinf.cli.score_geodata import check_crs
 
 
@@ -27,8 +27,6 @@ def simplify_geodata(
         typer.BadParameter: options that contradict each other.
         typer.Exit: some outlines failed (1), or all had to end (2).
     """
-    import torch
-
     from torchlinf.polygons import simplify
     from torchlinf.scoring import (
         GEO_SUFFIXES,
@@ -53,17 +51,16 @@ def simplify_geodata(
     except (TypeError, ValueError) as error:
         raise typer.BadParameter(str(error)) from error
     check_crs(drawing["crs"])
-    threads = torch.get_num_threads()
-    torch.set_num_threads(workers)
-    try:
-        with endings(out), progress(0, number_of_parts(file, drawing["layer"]), True, "simplifying") as advance:
-            try:
-                frame = simplified_outlines(file, plain | dict(rule), drawing["layer"], drawing["crs"], advance)
-            except UnreadableMaskError as error:
-                fail(f"{file}: {error}.")
-            write_outlines(out, frame)
-    finally:
-        torch.set_num_threads(threads)
+    with (
+        threads(workers),
+        endings(out),
+        progress(0, number_of_parts(file, drawing["layer"]), True, "simplifying") as advance,
+    ):
+        try:
+            frame = simplified_outlines(file, plain | dict(rule), drawing["layer"], drawing["crs"], advance)
+        except UnreadableMaskError as error:
+            fail(f"{file}: {error}.")
+        write_outlines(out, frame)
     failed = int(frame["error"].notna().sum())
     if failed:
         say(f"{failed} of {len(frame)} outlines are as they were; the column 'error' says why.")

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from torchlinf import __version__
 from torchlinf.losses import simplify
-from torchlinf.measure import complexity
+from torchlinf.measure import Measure, complexity
 from torchlinf.scoring.cells import number_value, text_value
+from torchlinf.scoring.last_read import read_once
 from torchlinf.scoring.mask_rules import Found, Reading, read_all
-from torchlinf.scoring.readers import read_values
 from torchlinf.scoring.score import EMPTY, error_text
 from torchlinf.scoring.sources import Source
 from torchlinf.scoring.values import UnreadableMaskError, Values
@@ -143,13 +143,14 @@ def simplify_source(task: tuple[Source, Path], options: Simplifying) -> list[Sim
     try:
         if source.member is not None or source.data is not None:
             raise UnreadableMaskError("a mask within another file is not written; unpack it")
-        values = read_values(source.path, None, options.reading.max_pixels) if source.error is None else None
-        if values is not None and values.array.ndim != 2:
+        if source.error is not None:
+            raise UnreadableMaskError(source.error)
+        values = read_once(source.path, None, options.reading.max_pixels)
+        if values.array.ndim != 2:
             raise UnreadableMaskError(f"an image must have two axes; got {values.array.shape}")
-        found = list(read_all(source, options.reading))
+        found = list(read_all(source, options.reading, keep=True))
         file = PixelFile(source.path)
         pixels = file.pixels.reshape(*found[0].shape, -1).copy()
-        assert values is not None
         if (probability := _probability(values, options)) is not None:
             rows, inside = _of_probability(probability, found[0], values, options)
             top = np.ones((), pixels.dtype) if pixels.dtype.kind == "f" else np.iinfo(pixels.dtype).max
@@ -208,12 +209,12 @@ def _of_probability(
 
 def _of_masks(found: Sequence[Found], pixels: NDArray[Any], values: Values, options: Simplifying) -> list[Simplified]:
     """Simplify the masks of a file in its pixels. What is lost becomes background, and only background is gained."""
-    free = np.ones(found[0].shape, np.bool_)  # what no other label has
     if options.reading.labels or options.reading.label is not None:
-        free = (values.array if values.ids is None else values.ids) == 0
-    outside = _commonest(
-        pixels, free if options.reading.labels or options.reading.label is not None else ~found[0].inside
-    )
+        free = (values.array if values.ids is None else values.ids) == 0  # what no other label has
+        outside = _commonest(pixels, free)
+    else:
+        free = np.ones(found[0].shape, np.bool_)
+        outside = _commonest(pixels, ~found[0].inside)
     rows = []
     for one in found:
         if not one.inside.any():
@@ -262,8 +263,7 @@ def _simplified(prediction: torch.Tensor, rule: Mapping[str, Any]) -> tuple[Simp
 
 
 def _complexity(mask: NDArray[np.bool_], options: Simplifying) -> float:
-    unknown = ("weight", "threshold", "max_flips", "tries", "max_change", "keep_topology")
-    measure = {name: value for name, value in options.rule.items() if name not in unknown}
+    measure = {one.name: options.rule[one.name] for one in fields(Measure) if one.name in options.rule}
     return float(complexity(torch.from_numpy(mask), spatial_ndim=2, **measure))
 
 
