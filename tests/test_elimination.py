@@ -55,6 +55,18 @@ def test_a_system_without_a_solution_does_not_touch_the_others() -> None:
     assert found[2:].tolist() == [1.5, 1.0]
 
 
+def test_the_solution_does_not_follow_the_number_of_threads() -> None:
+    """A batched torch.linalg.solve of torch 2.13 is wrong after torch.set_num_threads, from about 150 unknowns on."""
+    terms, rank, shape, expected = random_system(3, [150, 158, 155, 160])
+    before = torch.get_num_threads()
+    try:
+        for threads in (1, 2, 4):
+            torch.set_num_threads(threads)
+            np.testing.assert_allclose(solve_by_elimination(terms, rank, shape).numpy(), expected, rtol=1e-10)
+    finally:
+        torch.set_num_threads(before)
+
+
 @pytest.mark.parametrize("rho", [0.01, 3.0, 1e6])
 @pytest.mark.parametrize("length", [1, 2, 9])
 @pytest.mark.parametrize("peak", [False, True])

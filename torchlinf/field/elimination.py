@@ -171,4 +171,18 @@ def _solve_dense(equations: Terms, unknowns: Tensor, shape: Tensor) -> Tensor:
     right[of_system[constant.row], place[constant.row]] = constant.weight
     others = equations.where(equations.of < count)
     matrix[of_system[others.row], place[others.row], place[others.of]] = -others.weight
-    return torch.linalg.solve_ex(matrix, right).result[system, place[unknowns]]
+    return _solve_each(matrix, right)[system, place[unknowns]]
+
+
+def _solve_each(matrix: Tensor, right: Tensor) -> Tensor:
+    """Solve (B, N, N) x = (B, N); NaN for a system that has no single solution, where torch's result is undefined.
+
+    On the CPU one system at a time: torch 2.13 with MKL gives wrong solutions for a batch of 160 unknowns after
+    torch.set_num_threads, which a user may have called.
+    """
+    if matrix.device.type == "cpu":
+        each = [torch.linalg.solve_ex(one, of) for one, of in zip(matrix, right, strict=True)]
+        result, info = torch.stack([one.result for one in each]), torch.stack([one.info for one in each])
+    else:
+        result, info = torch.linalg.solve_ex(matrix, right)
+    return torch.where(info[:, None] > 0, torch.nan, result)
