@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from PIL import Image
+from photographs import write_photographs
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # `benchmarks` is not installed with the library
@@ -21,18 +21,7 @@ from benchmarks.regulariser.real_images.tables import difference, mean_and_error
 
 @pytest.fixture
 def facades(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A set of nine and three images of 160 x 160, each with a bright block."""
-    random = np.random.default_rng(0)
-    for part, number in (("train", 9), ("val", 3)):
-        for kind in ("images", "masks"):
-            (tmp_path / part / kind).mkdir(parents=True)
-        for i in range(number):
-            top, left, height, width = random.integers(20, 70, 4)
-            mask = np.zeros((160, 160), np.uint8)
-            mask[top : top + height, left : left + width] = 255
-            image = (mask // 2)[..., None] + random.integers(0, 60, (160, 160, 3))
-            Image.fromarray(image.astype(np.uint8)).save(tmp_path / part / "images" / f"{i}.jpg")
-            Image.fromarray(mask).save(tmp_path / part / "masks" / f"{i}.png")
+    write_photographs(tmp_path)
     monkeypatch.setenv("TORCHLINF_FACADES", str(tmp_path))
     return tmp_path
 

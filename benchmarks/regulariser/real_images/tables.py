@@ -22,9 +22,10 @@ FILLS = ("full", "none")
 LEAST_SHOWN = -0.05  # what costs more overlap is not in the figure
 
 
-def of_seeds(runs: Runs, method: str, measure: str) -> NDArray[np.float64]:
+def of_seeds(runs: Runs, method: str, measure: str, part: str = "held-out") -> NDArray[np.float64]:
     """(seeds, images)."""
-    return np.array([found[method]["held-out"][measure] for found in runs.values() if method in found], float)
+    found = [found[method] for found in runs.values() if method in found]
+    return np.array([values[part][measure] for values in found if part in values], float)
 
 
 def mean_and_error(values: Iterable[float]) -> tuple[float, float]:
@@ -33,10 +34,10 @@ def mean_and_error(values: Iterable[float]) -> tuple[float, float]:
     return float(kept.mean()), float(kept.std(ddof=1) / np.sqrt(len(kept))) if len(kept) > 1 else np.nan
 
 
-def difference(runs: Runs, method: str, other: str, measure: str) -> tuple[float, float]:
+def difference(runs: Runs, method: str, other: str, measure: str, part: str = "held-out") -> tuple[float, float]:
     """Mean over the images of method - other, each the mean over the seeds, and its standard error over the images."""
-    common = {seed: found for seed, found in runs.items() if method in found and other in found}
-    apart = of_seeds(common, method, measure) - of_seeds(common, other, measure)
+    common = {seed: found for seed, found in runs.items() if all(part in found.get(one, ()) for one in (method, other))}
+    apart = of_seeds(common, method, measure, part) - of_seeds(common, other, measure, part)
     number = np.isfinite(apart).sum(axis=0)
     return mean_and_error(np.where(number, np.nansum(apart, axis=0) / np.maximum(number, 1), np.nan))
 
