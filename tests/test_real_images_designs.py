@@ -66,6 +66,27 @@ def test_targets_made_once_pull_where_they_flip_and_where_right_only_where_the_t
     assert not pulls.once(step, right=True).any()
 
 
+def test_in_place_of_the_truth_simplified_predictions_pull_on_all_pixels() -> None:
+    step = a_step()
+    assert torch.equal(pulls.instead(step) < 0, step.first)
+    assert not torch.equal(step.first, step.truth)
+
+
+def test_an_area_that_is_kept_takes_from_what_is_in_doubt_what_the_pull_gives() -> None:
+    logits = torch.randn(2, 1, 6, 8, generator=torch.Generator().manual_seed(0))
+    logits[..., :3] = 60.0  # certain
+    pull = torch.zeros_like(logits)
+    pull[0, 0, 2, 5], pull[1, 0, 4, 6] = 0.7, -0.2
+    kept = pulls.balanced(pull, logits)
+    torch.testing.assert_close(kept.sum((1, 2, 3)), torch.zeros(2))
+    assert not kept[..., :3].any()
+    assert (kept[0, 0, :2, 3:] < 0).all()
+    assert (kept[1, 0, :2, 3:] > 0).all()
+    torch.testing.assert_close(
+        kept[0, 0, 0, 4] / kept[0, 0, 1, 7], pulls.doubt(logits)[0, 0, 0, 4] / pulls.doubt(logits)[0, 0, 1, 7]
+    )
+
+
 def test_targets_made_anew_are_of_the_network_or_of_the_averaged_one() -> None:
     step = a_step()
     assert torch.equal(pulls.anew(step) > 0, step.flipped)
@@ -161,7 +182,7 @@ def test_shares_of_flips_of_known_masks() -> None:
     found = of_flips(logits, target, truth)
     inside = torch.sigmoid(torch.tensor([2.0, -1.0]))
     expected = float((1 - inside[0]) + inside[1]) / 2
-    assert found == pytest.approx({"of the objects": 2 / 3, "right": 1 / 2, "expected": expected})
+    assert found == pytest.approx({"of the objects": 2 / 3, "removed": 1 / 2, "right": 1 / 2, "expected": expected})
 
 
 def test_the_mean_cosine_is_that_of_all_pairs() -> None:

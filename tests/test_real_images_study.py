@@ -14,7 +14,7 @@ sys.path.insert(0, str(ROOT))  # `benchmarks` is not installed with the library
 from benchmarks.regulariser.real_images import __main__ as command  # noqa: E402
 from benchmarks.regulariser.real_images import data, methods, training  # noqa: E402
 from benchmarks.regulariser.real_images.afterwards import opened_and_closed  # noqa: E402
-from benchmarks.regulariser.real_images.measures import boundary_f, complexities  # noqa: E402
+from benchmarks.regulariser.real_images.measures import boundary_f, complexity  # noqa: E402
 from benchmarks.regulariser.real_images.network import DESIGNS, UNet  # noqa: E402
 from benchmarks.regulariser.real_images.tables import difference, mean_and_error  # noqa: E402
 
@@ -78,9 +78,8 @@ def test_an_opening_and_closing_takes_a_thin_bar_and_keeps_a_block_at_the_border
 def test_a_turned_block_is_simple_in_its_own_frame_only() -> None:
     y, x = torch.meshgrid(torch.arange(80) - 40.0, torch.arange(90) - 45.0, indexing="ij")
     mask = ((0.8 * x + 0.6 * y).abs() < 25) & ((0.8 * y - 0.6 * x).abs() < 15)
-    found = complexities(mask[None, None])
-    assert found["object, own frame"][0] < 0.2
-    assert found["object, grid"][0] > 1
+    assert complexity("object, own frame", mask[None, None])[0] < 0.2
+    assert complexity("object, grid", mask[None, None])[0] > 1
 
 
 def test_differences_are_paired_by_image() -> None:

@@ -1,7 +1,5 @@
 """Whether a pull on some images is one on others: how right simplified predictions are, and how gradients agree."""
 
-from collections.abc import Callable
-
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -10,73 +8,86 @@ import torchlinf
 from benchmarks.regulariser.real_images.data import Images
 from benchmarks.regulariser.real_images.methods import total_variation
 from benchmarks.regulariser.real_images.network import UNet
-from benchmarks.regulariser.real_images.pulls import simpler
+from benchmarks.regulariser.real_images.pulls import PRICE, balanced, simpler, towards
 from benchmarks.regulariser.real_images.training import data_term, logits_of
 
-PRICES = (10.0, 30.0)
-FEW = 20  # images of either part whose gradients are taken
+PRICES = (PRICE, 30.0)
+FEW = 20  # images of either part
+DATA, AREA = "data term", "area"
 Numbers = dict[str, dict[str, float]]
 
 
 def carried(network: UNet, seen: Images, other: Images) -> dict[str, Numbers]:
     """By kind, by row: shares of flips, and cosines of gradients."""
     flips: Numbers = {}
+    gradients: list[dict[str, Tensor]] = []
     for part, images in (("seen", seen), ("choose", other)):
-        logits = logits_of(network, images.images)
-        for price in PRICES:
-            flips[f"{part}, {price:g}"] = of_flips(logits, simpler(logits, price), images.masks > 0)
-    gradients: Numbers = {}
-    here, there = (few_gradients(network, images) for images in (seen, other))
-    for term in here:
-        gradients[term] = {
-            "each other": mean_cosine(here[term]),
-            "other images": cosine(here[term].mean(0), there[term].mean(0)),
-            "data term": cosine(here[term].mean(0), here["data term"].mean(0)),
-        }
-    return {"flips": flips, "gradients": gradients}
+        few = Images(images.images[:FEW], images.masks[:FEW])
+        logits = logits_of(network, few.images)
+        targets = [simpler(logits, price) for price in PRICES]
+        for price, target in zip(PRICES, targets, strict=True):
+            flips[f"{part}, {price:g}"] = of_flips(logits, target, few.masks > 0)
+        gradients.append(in_parameters(network, few, targets[0]))
+    here, there = gradients
+    return {
+        "flips": flips,
+        "gradients": {
+            term: {
+                "pairs": mean_cosine(here[term]),
+                "other images": cosine(here[term], there[term]),
+                **{name: cosine(here[term], here[name]) for name in (AREA, DATA)},
+            }
+            for term in here
+        },
+    }
 
 
 def of_flips(logits: Tensor, target: Tensor, truth: Tensor) -> dict[str, float]:
-    """Of the pixels that a simplification flips, as shares: how many, right by the truth, and by the network itself."""
+    """Shares of the pixels that a simplification flips: of the objects, removed, right, and right by the network."""
     flipped = target != (logits > 0)
     inside = torch.sigmoid(logits)
     number = max(int(flipped.sum()), 1)
     return {
         "of the objects": number / max(int((logits > 0).sum()), 1),
+        "removed": int((flipped & ~target).sum()) / number,
         "right": int((flipped & (target == truth)).sum()) / number,
         "expected": float(torch.where(target, inside, 1 - inside)[flipped].sum()) / number,
     }
 
 
-def few_gradients(network: UNet, images: Images) -> dict[str, Tensor]:
-    """(images, parameters) for each term: the data term, pulls, and total variation."""
-    loss = torchlinf.losses.ShapeComplexityLoss(activation="sigmoid", per="object")
+def in_parameters(network: UNet, images: Images, targets: Tensor) -> dict[str, Tensor]:
+    """Gradients (images, parameters) by term. That of the area is of the mean probability."""
     found: dict[str, list[Tensor]] = {}
-    for picture, mask in zip(images.images[:FEW].split(1), images.masks[:FEW].split(1), strict=True):
+    for picture, mask, target in zip(images.images.split(1), images.masks.split(1), targets.split(1), strict=True):
         logits = network(picture)
-        target = simpler(logits.detach())
-        flipped = target != (logits > 0)
-        terms: dict[str, Callable[[], Tensor]] = {
-            "data term": lambda z=logits, y=mask: data_term(z, y),
-            "simplified predictions": lambda z=logits, s=target, c=flipped: _entropy(z, s, c),
-            "the same, where right": lambda z=logits, s=target, c=flipped & (target == (mask > 0)): _entropy(z, s, c),
-            "loss": lambda z=logits: loss(z),
-            "total variation": lambda z=logits: total_variation(z, 1.0),
-        }
-        for term, value in terms.items():
-            parts = torch.autograd.grad(value(), list(network.parameters()), retain_graph=True)
+        for term, gradient in in_logits(logits.detach(), mask, target).items():
+            parts = torch.autograd.grad(logits, list(network.parameters()), gradient, retain_graph=True)
             found.setdefault(term, []).append(torch.cat([part.flatten() for part in parts]))
     return {term: torch.stack(values) for term, values in found.items()}
 
 
-def _entropy(logits: Tensor, target: Tensor, counted: Tensor) -> Tensor:
-    each = functional.binary_cross_entropy_with_logits(logits, target.to(logits), reduction="none")
-    return (each * counted).sum() / logits.numel()
+def in_logits(logits: Tensor, mask: Tensor, target: Tensor) -> dict[str, Tensor]:
+    """Gradients in the logits by term."""
+    leaf = logits.clone().requires_grad_()
+    loss = torchlinf.losses.ShapeComplexityLoss(activation="sigmoid", per="object")
+    values = {
+        DATA: data_term(leaf, mask),
+        "total variation": total_variation(leaf, 1.0),
+        "loss": loss(leaf),
+        AREA: torch.sigmoid(leaf).mean(),
+    }
+    found = {name: torch.autograd.grad(value, leaf)[0] for name, value in values.items()}
+    flipped = target != (logits > 0)
+    pull = towards(target, logits, flipped)
+    found["simplified predictions"] = pull
+    found["the same, where right"] = towards(target, logits, flipped & (target == (mask > 0)))
+    found["the same, area kept"] = balanced(pull, logits)
+    return found
 
 
 def cosine(one: Tensor, other: Tensor) -> float:
-    """0 where one of them is zero."""
-    return float(functional.cosine_similarity(one, other, dim=0))
+    """Of the means of the rows."""
+    return float(functional.cosine_similarity(one.mean(0), other.mean(0), dim=0))
 
 
 def mean_cosine(gradients: Tensor) -> float:

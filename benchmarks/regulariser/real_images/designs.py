@@ -24,7 +24,7 @@ from benchmarks.regulariser.real_images.data import VARIABLES, Images, load
 from benchmarks.regulariser.real_images.measures import measured
 from benchmarks.regulariser.real_images.methods import PLAIN, TRUTH
 from benchmarks.regulariser.real_images.network import UNet
-from benchmarks.regulariser.real_images.pulls import Design, anew, loss, once, train, with_first
+from benchmarks.regulariser.real_images.pulls import Design, anew, instead, loss, once, train, with_first
 from benchmarks.regulariser.real_images.tables import AIM, Runs, difference, methods_of, of_seeds
 from benchmarks.regulariser.real_images.training import State, first_run, logits_of
 from benchmarks.results import Cell, Table, markdown
@@ -40,16 +40,16 @@ CARRYING = "carrying over"  # kept beside the designs
 
 DESIGNS = {
     PLAIN: Design(),
-    "loss, by doubt, warm-up": Design(partial(loss, by_doubt=True), warm=True),
-    "targets made once": Design(once),
-    "targets made once, share 3": Design(once, share=3.0),
-    "targets made once, where right": Design(partial(once, right=True)),
-    "targets made once, by doubt": Design(partial(once, by_doubt=True)),
-    "targets made once, nothing else": Design(once, alone=True),
-    "averaged network, share 3 each third step": Design(partial(anew, averaged=True), share=3.0, every=3),
-    "averaged network, falling price": Design(partial(anew, averaged=True, falling=True), share=3.0, every=3),
+    "simplified predictions in place of the truth": Design(instead, alone=True),
+    "averaged network": Design(partial(anew, averaged=True), share=3.0, every=5),
+    "averaged network, price falling": Design(partial(anew, averaged=True, falling=True), share=3.0, every=5),
+    "averaged network, area kept": Design(partial(anew, averaged=True), share=3.0, every=5, keep_area=True),
+    "first network": Design(once, share=3.0),
+    "first network, area kept": Design(once, share=3.0, keep_area=True),
+    "first network, where right": Design(partial(once, right=True), share=3.0),
+    "loss, by doubt, warm-up": Design(partial(loss, by_doubt=True), every=2, warm=True),
 }
-FINAL = ("targets made once",)
+FINAL = ("averaged network",)
 
 
 class Comparison:
@@ -75,15 +75,15 @@ class Comparison:
             self._keep(CARRYING, carried(self._network(self._start()), parts["seen"], parts["choose"]))
 
     def _measured(self, title: str, parts: dict[str, Images]) -> dict[str, dict[str, list[float]]]:
-        """Of every part the predictions, and all but those of seen images once more, simplified."""
+        """Of every part the predictions, and those of final designs once more, simplified."""
         truth = {part: images.masks > 0 for part, images in parts.items()}
         masks = dict(truth)
         if title != TRUTH:
             logits = self._logits(title, parts)
             masks = {part: z > 0 for part, z in logits.items()}
-            masks |= {part + SIMPLER: simplified(z, AFTERWARDS) for part, z in logits.items() if part != "seen"}
-        found = {part: measured(mask, truth[part.removesuffix(SIMPLER)]) for part, mask in masks.items()}
-        return {part: {measure: values[measure] for measure in KEPT} for part, values in found.items()}
+            if title in (PLAIN, *FINAL):
+                masks |= {part + SIMPLER: simplified(logits[part], AFTERWARDS) for part in parts if part != "seen"}
+        return {part: measured(mask, truth[part.removesuffix(SIMPLER)], KEPT) for part, mask in masks.items()}
 
     def _keep(self, title: str, values: dict[str, Any]) -> None:
         self._done[title] = values
@@ -128,17 +128,16 @@ def tables(name: str, runs: Runs) -> list[Table]:
 
 
 def _choosing(name: str, runs: Runs) -> Table:
-    columns = ["", "seen: object", "seen: mask", "IoU", "object", "mask", "then simplify: IoU", "object "]
-    places = [("seen", AIM), ("seen", GRID), *(("choose", each) for each in ("IoU", AIM, GRID))]
-    places += [("choose" + SIMPLER, each) for each in ("IoU", AIM)]
+    columns = ["", "IoU", "object", "mask", "seen: IoU", "object ", "mask "]
+    places = [(part, each) for part in ("choose", "seen") for each in ("IoU", AIM, GRID)]
     chosen = {seed: run for seed, run in runs.items() if "seen" in run.get(PLAIN, ())}
     return Table(
         f"{name.capitalize()}: designs",
         columns,
         _rows(chosen, places),
-        "Truth and no term: means; others: differences from no term ± standard error over the images. `seen` are "
-        "images to train on, all others those to choose on. Complexity of objects is in their own frames, that of "
-        "masks on the grid, in bits.",
+        "Truth and no term: means; others: differences from no term ± standard error over the images. The first "
+        "three columns are of the images to choose on, the others of images to train on. Complexity of objects is in "
+        "their own frames, that of masks on the grid, in bits.",
     )
 
 
@@ -174,16 +173,16 @@ def _carrying(name: str, kept: dict[str, Numbers]) -> list[Table]:
     return [
         Table(
             f"{name.capitalize()}: flips of simplified predictions",
-            ["images, weight", "share of the objects' pixels", "right by the truth", "right by the network"],
+            ["images, weight", "of the objects' pixels", "removed", "right by the truth", "right by the network"],
             [[row, *(f"{share:.1%}" for share in each.values())] for row, each in kept["flips"].items()],
             "Before the second run. `Right by the network` is what its probabilities lead to expect.",
         ),
         Table(
             f"{name.capitalize()}: gradients in the parameters",
-            ["", "pairs of images", "seen and other images", "with the data term"],
+            ["", "pairs of images", "seen and other images", "with the area", "with the data term"],
             [[row, *(f"{value:.3f}" for value in each.values())] for row, each in kept["gradients"].items()],
             f"Cosines of the gradients of {FEW} seen images: with each other, of their mean with the mean of as many "
-            "other images, and with that of the data term.",
+            "other images, with the mean gradient of the area, and with that of the data term.",
         ),
     ]
 

@@ -19,25 +19,33 @@ COMPLEXITIES = {
 Values = dict[str, list[float]]
 
 
-def measured(masks: Tensor, truth: Tensor) -> Values:
+ALL = ("IoU", "boundary F", *COMPLEXITIES, "objects")
+
+
+def measured(masks: Tensor, truth: Tensor, names: tuple[str, ...] = ALL) -> Values:
     """A list of one number an image for every measure; NaN where an image has none.
 
     Args:
         masks: (N, 1, H, W) bool.
         truth: like masks.
+        names: the measures.
     """
-    found: Values = {
-        "IoU": ((masks & truth).sum((1, 2, 3)) / (masks | truth).sum((1, 2, 3)).clamp(min=1)).tolist(),
-        "boundary F": [boundary_f(a, b) for a, b in zip(masks[:, 0].numpy(), truth[:, 0].numpy(), strict=True)],
-        **complexities(masks),
-        "objects": [float(label(mask, EIGHT)[1]) for mask in masks[:, 0].numpy()],
-    }
-    return {name: [round(value, 5) for value in values] for name, values in found.items()}
+    return {name: [round(value, 5) for value in _one(name, masks, truth)] for name in names}
 
 
-def complexities(masks: Tensor) -> Values:
-    """Complexity in bits, per mask and per object, on the grid and in own frames."""
-    return {name: torchlinf.complexity(masks, **options)[:, 0].tolist() for name, options in COMPLEXITIES.items()}
+def _one(name: str, masks: Tensor, truth: Tensor) -> list[float]:
+    if name == "IoU":
+        return ((masks & truth).sum((1, 2, 3)) / (masks | truth).sum((1, 2, 3)).clamp(min=1)).tolist()
+    if name == "boundary F":
+        return [boundary_f(a, b) for a, b in zip(masks[:, 0].numpy(), truth[:, 0].numpy(), strict=True)]
+    if name == "objects":
+        return [float(label(mask, EIGHT)[1]) for mask in masks[:, 0].numpy()]
+    return complexity(name, masks)
+
+
+def complexity(name: str, masks: Tensor) -> list[float]:
+    """Complexity in bits, per mask or per object, on the grid or in own frames."""
+    return torchlinf.complexity(masks, **COMPLEXITIES[name])[:, 0].tolist()
 
 
 def boundary_f(mask: NDArray[np.bool_], truth: NDArray[np.bool_]) -> float:

@@ -52,6 +52,7 @@ class Design:
         share: size of the pull's gradient, as a share of that of the data term's.
         every: it is added in each step of that number.
         warm: if True, the share rises from 0 to `share` over all steps.
+        keep_area: if True, what raises or lowers all logits together is taken out of it.
         alone: if True, nothing is added: there is no data term.
         times: how many times as long the training is.
     """
@@ -60,6 +61,7 @@ class Design:
     share: float = 1.0
     every: int = 1
     warm: bool = False
+    keep_area: bool = False
     alone: bool = False
     times: int = 1
 
@@ -79,6 +81,13 @@ def once(step: Step, *, right: bool = False, by_doubt: bool = False) -> Tensor:
     return gradient * doubt(step.logits) if by_doubt else gradient
 
 
+def instead(step: Step) -> Tensor:
+    """Towards the first network's simplified predictions on all pixels, as the data term is towards the truth."""
+    logits = step.logits.clone().requires_grad_()
+    (gradient,) = torch.autograd.grad(data_term(logits, step.first.to(logits)), logits)
+    return gradient
+
+
 def anew(step: Step, *, averaged: bool = False, falling: bool = False) -> Tensor:
     """Towards predictions simplified in this step, of this network or the averaged one, at a fixed price or falling."""
     source = step.averaged() if averaged else step.logits
@@ -95,6 +104,12 @@ def simpler(logits: Tensor, price: float = PRICE) -> Tensor:
 def towards(target: Tensor, logits: Tensor, counted: Tensor) -> Tensor:
     """The gradient of the cross-entropy, a mean over all pixels of those that are counted."""
     return (torch.sigmoid(logits) - target.to(logits)) * counted / target.numel()
+
+
+def balanced(gradient: Tensor, logits: Tensor) -> Tensor:
+    """Changed where there is doubt, such that it no longer raises or lowers all logits of an image together."""
+    weight = doubt(logits)
+    return gradient - weight * gradient.sum((1, 2, 3), True) / weight.sum((1, 2, 3), True).clamp(min=1e-12)
 
 
 def doubt(logits: Tensor) -> Tensor:
@@ -132,6 +147,8 @@ def train(name: str, images: Images, seed: int, start: State, design: Design, st
                 progress, logits.detach(), *(each > 0 for each in maps), lambda x=pictures: logits_of(average, x)
             )
             pull = design.pull(step)
+            if design.keep_area:
+                pull = balanced(pull, step.logits)
             scaled = design.share * (progress if design.warm else 1.0) * sizes.ratio(gradient, pull) * pull
             gradient = scaled if design.alone else gradient + scaled
         logits.backward(gradient)
