@@ -36,18 +36,20 @@ AFTERWARDS = 30.0  # weight of `simplify` afterwards
 GRID = "mask, grid"
 KEPT = ("IoU", AIM, GRID, "objects")
 SIMPLER = ", simplified"
+TARGETS = "simplified predictions of the first network"
+ABSOLUTE = (TRUTH, PLAIN, TARGETS)  # no differences
 CARRYING = "carrying over"  # kept beside the designs
 
 DESIGNS = {
     PLAIN: Design(),
+    "no second run": Design(times=0),
     "simplified predictions in place of the truth": Design(instead, alone=True),
     "averaged network": Design(partial(anew, averaged=True), share=3.0, every=5),
-    "averaged network, price falling": Design(partial(anew, averaged=True, falling=True), share=3.0, every=5),
-    "averaged network, area kept": Design(partial(anew, averaged=True), share=3.0, every=5, keep_area=True),
-    "first network": Design(once, share=3.0),
+    "averaged network, price falling, area kept": Design(
+        partial(anew, averaged=True, falling=True), share=3.0, every=5, keep_area=True
+    ),
     "first network, area kept": Design(once, share=3.0, keep_area=True),
-    "first network, where right": Design(partial(once, right=True), share=3.0),
-    "loss, by doubt, warm-up": Design(partial(loss, by_doubt=True), every=2, warm=True),
+    "loss, by doubt, warm-up": Design(partial(loss, by_doubt=True), share=3.0, every=3, warm=True),
 }
 FINAL = ("averaged network",)
 
@@ -71,18 +73,21 @@ class Comparison:
             missing = {part: images for part, images in mine.items() if part not in self._done.get(title, ())}
             if missing:
                 self._keep(title, self._done.get(title, {}) | self._measured(title, missing))
+        if choosing and TARGETS not in self._done:
+            targets = self._with_targets().masks[::SEEN, 1:2] > 0
+            self._keep(TARGETS, {"seen": measured(targets, seen.masks > 0, KEPT)})
         if choosing and CARRYING not in self._done:
             self._keep(CARRYING, carried(self._network(self._start()), parts["seen"], parts["choose"]))
 
     def _measured(self, title: str, parts: dict[str, Images]) -> dict[str, dict[str, list[float]]]:
-        """Of every part the predictions, and those of final designs once more, simplified."""
+        """Of every part the predictions, and held-out ones once more, simplified."""
         truth = {part: images.masks > 0 for part, images in parts.items()}
         masks = dict(truth)
         if title != TRUTH:
             logits = self._logits(title, parts)
             masks = {part: z > 0 for part, z in logits.items()}
-            if title in (PLAIN, *FINAL):
-                masks |= {part + SIMPLER: simplified(logits[part], AFTERWARDS) for part in parts if part != "seen"}
+            if "held-out" in logits:
+                masks["held-out" + SIMPLER] = simplified(logits["held-out"], AFTERWARDS)
         return {part: measured(mask, truth[part.removesuffix(SIMPLER)], KEPT) for part, mask in masks.items()}
 
     def _keep(self, title: str, values: dict[str, Any]) -> None:
@@ -135,9 +140,10 @@ def _choosing(name: str, runs: Runs) -> Table:
         f"{name.capitalize()}: designs",
         columns,
         _rows(chosen, places),
-        "Truth and no term: means; others: differences from no term ± standard error over the images. The first "
-        "three columns are of the images to choose on, the others of images to train on. Complexity of objects is in "
-        "their own frames, that of masks on the grid, in bits.",
+        "Means of the truth, of no term and of the first network's simplified predictions; for all others differences "
+        "from no term ± standard error over the images. The first three columns are of the images to choose on, the "
+        "others of images to train on. Complexity of objects is in their own frames, that of masks on the grid, in "
+        "bits.",
     )
 
 
@@ -150,7 +156,7 @@ def _final(name: str, runs: Runs) -> Table:
 
 def _rows(runs: Runs, places: list[tuple[str, str]]) -> list[list[Cell]]:
     rows: list[list[Cell]] = []
-    for title in methods_of(runs):
+    for title in sorted(methods_of(runs), key=lambda title: title not in ABSOLUTE):
         if title == CARRYING:
             continue
         row: list[Cell] = [title]
@@ -159,7 +165,7 @@ def _rows(runs: Runs, places: list[tuple[str, str]]) -> list[list[Cell]]:
             values = of_seeds(runs, title, measure, part)
             if not values.size:
                 row.append(None)
-            elif title in (TRUTH, PLAIN):
+            elif title in ABSOLUTE:
                 row.append(f"{np.nanmean(values):.{digits}f}")
             else:
                 value, error = difference(runs, title, PLAIN, measure, part)

@@ -98,7 +98,8 @@ def anew(step: Step, *, averaged: bool = False, falling: bool = False) -> Tensor
 
 def simpler(logits: Tensor, price: float = PRICE) -> Tensor:
     """Object by object, bool."""
-    return torchlinf.simplify(torch.sigmoid(logits), weight=price, per="object", tries=TRIES).mask
+    inside = torch.sigmoid(logits)
+    return torchlinf.simplify(inside, weight=price, per="object", keep_topology=False, tries=TRIES).mask
 
 
 def towards(target: Tensor, logits: Tensor, counted: Tensor) -> Tensor:
