@@ -41,7 +41,7 @@ def a_step(progress: float = 0.0) -> Step:
     logits[bump] = 0.1
     averaged[bump] = -0.1
     first = logits > 1
-    return Step(progress, logits, logits > 0, first, bump, lambda: averaged)
+    return Step(progress, logits, logits > 0, first, lambda: averaged)
 
 
 def test_the_pull_is_the_gradient_of_a_cross_entropy() -> None:
@@ -56,14 +56,6 @@ def test_the_pull_is_the_gradient_of_a_cross_entropy() -> None:
 def test_doubt_is_one_where_both_are_as_likely() -> None:
     odds = torch.tensor([0.0, float(torch.log(torch.tensor(3.0))), 40.0, -40.0])
     torch.testing.assert_close(pulls.doubt(odds), torch.tensor([1.0, 0.75, 0.0, 0.0]))
-
-
-def test_targets_made_once_pull_where_they_flip_and_where_right_only_where_the_truth_agrees() -> None:
-    step = a_step()
-    pull = pulls.once(step)
-    assert torch.equal(pull > 0, step.flipped)  # the bump falls
-    torch.testing.assert_close(pulls.once(step, by_doubt=True), pull * pulls.doubt(step.logits))
-    assert not pulls.once(step, right=True).any()
 
 
 def test_in_place_of_the_truth_simplified_predictions_pull_on_all_pixels() -> None:
@@ -89,7 +81,7 @@ def test_an_area_that_is_kept_takes_from_what_is_in_doubt_what_the_pull_gives() 
 
 def test_targets_made_anew_are_of_the_network_or_of_the_averaged_one() -> None:
     step = a_step()
-    assert torch.equal(pulls.anew(step) > 0, step.flipped)
+    assert torch.equal(pulls.anew(step) > 0, step.truth & ~step.first)  # the bump falls
     assert not pulls.anew(step, averaged=True).any()  # a block is as simple as can be
 
 
@@ -119,8 +111,7 @@ class TestTraining:
     @pytest.fixture
     def images(self, facades: Path) -> data.Images:
         images = data.load("facades", "train")
-        more = (images.masks > 0) & (torch.rand(images.masks.shape, generator=torch.Generator().manual_seed(0)) < 0.5)
-        return data.Images(images.images, torch.cat([images.masks, images.masks, more.float()], dim=1))
+        return data.Images(images.images, torch.cat([images.masks, images.masks], dim=1))
 
     @pytest.fixture
     def start(self) -> State:
@@ -150,7 +141,7 @@ class TestTraining:
         seen = []
 
         def noted(step: Step) -> Tensor:
-            seen.append((step.progress, step.truth.shape, int((step.flipped & ~step.first).sum())))
+            seen.append((step.progress, step.truth.shape, int((step.first != step.truth).sum())))
             return torch.zeros_like(step.logits)
 
         pulls.train("facades", images, 0, start, Design(noted, every=2), 3)
@@ -199,12 +190,12 @@ def test_the_comparison_runs_is_not_repeated_and_writes_its_tables(
     monkeypatch.setattr(training, "CROPS", 2)
     few = {
         "no term": Design(),
-        "once": Design(pulls.once, times=2),
+        "instead": Design(pulls.instead, alone=True, times=2),
         "anew": Design(partial(pulls.anew, averaged=True)),
         "loss": Design(partial(pulls.loss, by_doubt=True), warm=True),
     }
     monkeypatch.setattr(designs, "DESIGNS", few)
-    monkeypatch.setattr(designs, "FINAL", ("once",))
+    monkeypatch.setattr(designs, "FINAL", ("instead",))
     arguments = ["--seeds", "0", "1"]
     for option in ("states", "results", "out"):
         arguments += [f"--{option}", str(tmp_path / "study" / option)]
@@ -212,17 +203,17 @@ def test_the_comparison_runs_is_not_repeated_and_writes_its_tables(
     printed = capsys.readouterr().out
     assert [line for line in printed.splitlines() if line.startswith("facades")] == [
         *(f"facades 0 {what}" for what in ("truth", *few, designs.TARGETS, "carrying over")),
-        *(f"facades 1 {what}" for what in ("truth", "no term", "once")),
+        *(f"facades 1 {what}" for what in ("truth", "no term", "instead")),
     ]
     choosing, held_out, flips, gradients = printed.split("**Facades: ")[1:]
     assert all(f"| {name} |" in choosing for name in few)
-    assert "| once |" in held_out
+    assert "| instead |" in held_out
     assert "| anew |" not in held_out
     assert "| choose, 30 |" in flips
     assert "| data term | " in gradients
     assert (tmp_path / "study/out/regulariser_designs.inc").read_text(encoding="utf-8") in printed
     kept = json.loads((tmp_path / "study/results/facades_0.json").read_text(encoding="utf-8"))
-    assert {part: len(values["IoU"]) for part, values in kept["once"].items()} == {
+    assert {part: len(values["IoU"]) for part, values in kept["instead"].items()} == {
         "seen": 2,
         "choose": 2,
         "held-out": 3,

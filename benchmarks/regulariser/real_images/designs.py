@@ -24,7 +24,7 @@ from benchmarks.regulariser.real_images.data import VARIABLES, Images, load
 from benchmarks.regulariser.real_images.measures import measured
 from benchmarks.regulariser.real_images.methods import PLAIN, TRUTH
 from benchmarks.regulariser.real_images.network import UNet
-from benchmarks.regulariser.real_images.pulls import Design, anew, instead, loss, once, train, with_first
+from benchmarks.regulariser.real_images.pulls import Design, anew, instead, loss, train, with_first
 from benchmarks.regulariser.real_images.tables import AIM, Runs, difference, methods_of, of_seeds
 from benchmarks.regulariser.real_images.training import State, first_run, logits_of
 from benchmarks.results import Cell, Table, markdown
@@ -48,7 +48,6 @@ DESIGNS = {
     "averaged network, price falling, area kept": Design(
         partial(anew, averaged=True, falling=True), share=3.0, every=5, keep_area=True
     ),
-    "first network, area kept": Design(once, share=3.0, keep_area=True),
     "loss, by doubt, warm-up": Design(partial(loss, by_doubt=True), share=3.0, every=3, warm=True),
 }
 FINAL = ("averaged network",)

@@ -28,7 +28,6 @@ class Step:
         logits: of the network that is trained, (B, 1, H, W), detached.
         truth: like logits, bool.
         first: the simplified predictions of the network before this training, bool.
-        flipped: where those differ from its predictions.
         averaged: makes the logits of the averaged network.
     """
 
@@ -36,7 +35,6 @@ class Step:
     logits: Tensor
     truth: Tensor
     first: Tensor
-    flipped: Tensor
     averaged: Callable[[], Tensor]
 
 
@@ -71,13 +69,6 @@ def loss(step: Step, *, by_doubt: bool = False) -> Tensor:
     logits = step.logits.clone().requires_grad_()
     value = torchlinf.losses.ShapeComplexityLoss(activation="sigmoid", per="object")(logits)
     (gradient,) = torch.autograd.grad(value, logits)
-    return gradient * doubt(step.logits) if by_doubt else gradient
-
-
-def once(step: Step, *, right: bool = False, by_doubt: bool = False) -> Tensor:
-    """Towards the first network's simplified predictions: all that they flip, or what is right by the truth."""
-    counted = step.flipped & (step.first == step.truth) if right else step.flipped
-    gradient = towards(step.first, step.logits, counted)
     return gradient * doubt(step.logits) if by_doubt else gradient
 
 
@@ -120,10 +111,9 @@ def doubt(logits: Tensor) -> Tensor:
 
 
 def with_first(images: Images, network: UNet) -> Images:
-    """The same, with two more channels of masks: the network's simplified predictions, and what they flip."""
-    logits = logits_of(network, images.images)
-    target = simpler(logits)
-    return Images(images.images, torch.cat([images.masks, target.float(), (target != (logits > 0)).float()], dim=1))
+    """The same, with one more channel of masks: the network's simplified predictions."""
+    target = simpler(logits_of(network, images.images))
+    return Images(images.images, torch.cat([images.masks, target.float()], dim=1))
 
 
 def train(name: str, images: Images, seed: int, start: State, design: Design, steps: int) -> UNet:
