@@ -186,7 +186,6 @@ def test_no_mask_is_written_over(masks: Path, tmp_path: Path) -> None:
     ("options", "message"),
     [
         (("--weight", "-1"), "weight must"),
-        (("--window", "a=0-0.5"), "one window"),
         (("--resolution", "1"), "files of outlines"),
         (("--orientation", "mean"), "orientation"),
     ],

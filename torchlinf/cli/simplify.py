@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from torchlinf.cli.inputs import by_source, find_sources, reading_options
-from torchlinf.cli.measure_options import parse_orientation, takes_measure
+from torchlinf.cli.measure_options import PARTS, parse_orientation, takes_measure
 from torchlinf.cli.options import Ignore, Invert, Label, Labels, MaxPixels, Overwrite, Paths, Workers
 from torchlinf.cli.outputs import STATUS, end_if_failed, endings, say
 from torchlinf.cli.progress import cores, progress
@@ -28,7 +28,7 @@ the pixels that are lost become 0, and only pixels of 0 are gained.
 {STATUS}"""
 
 
-@takes_measure(None, parts=False)
+@takes_measure(None, without=(*PARTS, "windows"))
 def simplify(
     paths: Paths,
     *,
@@ -105,8 +105,6 @@ def simplify(
     """
     from torchlinf.scoring import is_geodata
 
-    if measure.windows is not None:
-        raise typer.BadParameter("one window of scales must be given, by --low and --high", param_hint="--window")
     rule: dict[str, Any] = measure.options()
     rule |= {"max_flips": max_flips, "tries": tries, "max_change": max_change, "keep_topology": keep_topology}
     if orientation is not None:
