@@ -197,33 +197,44 @@ class Descent:
     def _keeps_topology(self, pixels: Region) -> bool:
         return self._topology is None or self._topology.keeps(pixels)
 
-    def _flip(self, pixels: Region, make: bool) -> float:
-        """What a flip adds to the objective, inf where it is not allowed; with `make` it is made if it pays."""
+    def _price_of(self, pixels: Region) -> float:
+        """What a flip costs, inf where it is not allowed."""
         signs = self._sign[pixels]
-        changed = self._changed + int(signs.sum())
-        if changed > self._rule.max_change * self._area or not self._keeps_topology(pixels):
+        if self._changed + int(signs.sum()) > self._rule.max_change * self._area or not self._keeps_topology(pixels):
             return math.inf
-        cost = self._cost_of(int((signs * self._price[pixels]).sum()))
+        return self._cost_of(int((signs * self._price[pixels]).sum()))
 
-        def change(levels: SolvedLevels) -> float:
-            return self._mean(levels.values) - self._value + cost if len(levels.values) else math.inf
+    def _change(self, levels: SolvedLevels, cost: float) -> float:
+        """What a flip adds to the objective that leads to these levels."""
+        return self._mean(levels.values) - self._value + cost if len(levels.values) else math.inf
 
-        levels = self.solved.after(pixels, keep=lambda levels: make and change(levels) < -EQUAL)
-        found = change(levels)
-        if make and found < -EQUAL:
+    def _flip(self, pixels: Region) -> bool:
+        """Make a flip if it pays."""
+        cost = self._price_of(pixels)
+        if cost == math.inf:
+            return False
+        levels = self.solved.after(pixels, keep=lambda levels: self._change(levels, cost) < -EQUAL)
+        found = self._change(levels, cost)
+        if found < -EQUAL:
             if self._topology is not None:
                 self._topology.keeps(pixels, make=True)
             self._value = self._mean(levels.values)
             self._objective += found
+            self._changed += int(self._sign[pixels].sum())
             self._sign[pixels] *= -1
-            self._changed = changed
             self._touched[pixels] = True
             self.flips.append(pixels)
-        return found
+        return found < -EQUAL
 
     def _make_flips(self, regions: list[Region]) -> None:
         """Flip those of some regions that pay, the best first, each if it still pays at its turn."""
-        flips = [_Flip(pixels, self._flip(pixels, make=False)) for pixels in regions]
+        prices = [self._price_of(pixels) for pixels in regions]
+        allowed = [pixels for pixels, price in zip(regions, prices, strict=True) if price < math.inf]
+        levels = iter(self.solved.after_each(allowed))
+        flips = [
+            _Flip(pixels, self._change(next(levels), price) if price < math.inf else math.inf)
+            for pixels, price in zip(regions, prices, strict=True)
+        ]
         self._refused += [code_of(flip.pixels) for flip in flips if not flip.change < -EQUAL]
         flips = [flip for flip in flips if flip.change < -EQUAL]
         while flips and len(self.flips) < self._rule.max_flips:
@@ -232,7 +243,7 @@ class Descent:
             flips = [flip for flip in flips if not any(flip is other for other in equal)]
             # All or none, so that mirror images stay mirror images.
             pixels = best.pixels if len(equal) == 1 else np.unique(np.concatenate([flip.pixels for flip in equal]))
-            if self._flip(pixels, make=True) < -EQUAL:
+            if self._flip(pixels):
                 flips = [flip for flip in flips if not self._touched[flip.pixels].any()]
 
 
