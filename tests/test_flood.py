@@ -17,10 +17,8 @@ def gathered(
     """The shape and the sorted pixels of every region of the maps, (G, N, *sizes), and their codes."""
     ndim = maps.ndim - 2
     found = regions.RegionList(maps.shape[2:], np.full(maps.shape[1], limit), budget, most)
-    padded, inner = found.empty_maps(len(maps))
-    inner[:] = maps
     steps = np.array([step for step in itertools.product((-1, 0, 1), repeat=ndim) if any(step)])
-    found.gather(padded, np.tile(steps @ found.strides, (len(maps), 1)), whole)
+    found.gather(regions.Maps(np.where(maps, 0, 1), (1,)), 0, np.tile(steps @ found.strides, (len(maps), 1)), whole)
     pixels, begin, owner, code = found.found()
     parts = [tuple(np.sort(pixels[a:b]).tolist()) for a, b in itertools.pairwise(begin.tolist())]
     return list(zip(owner.tolist(), parts, strict=True)), code.tolist()

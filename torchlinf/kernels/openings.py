@@ -7,6 +7,7 @@ import numpy as np
 
 from torchlinf.kernels.compiler import kernel
 from torchlinf.kernels.grid import row_strides
+from torchlinf.kernels.regions import FAR
 
 
 class CubeOpenings:
@@ -22,7 +23,7 @@ class CubeOpenings:
     """
 
     def __init__(self, mask: np.ndarray, around: int) -> None:
-        self._around, self._sizes = around, mask.shape
+        self._around, self._sizes, self._mask = around, mask.shape, mask.astype(np.bool_)
         padded = tuple(size + 2 * around + 1 for size in mask.shape)
         room = np.zeros(padded, np.int16 if max(padded) < 2**15 else np.int32)
         self._room = room[(slice(0, -1),) * mask.ndim]
@@ -32,6 +33,21 @@ class CubeOpenings:
         steps = np.array(list(itertools.product((0, 1), repeat=mask.ndim))[1:]) @ np.array(row_strides(padded))
         _find_room(room.reshape(-1), steps)
         self._largest = int(room.max())
+
+    def sizes(self, sides: tuple[int, ...]) -> np.ndarray:
+        """For each marked pixel the least of the ascending `sides` whose opening does not hold it, less 1; else 9999.
+
+        >>> CubeOpenings(np.array([[1, 1, 0, 1], [1, 1, 0, 0]], bool), 0).sizes((2, 3))
+        array([[   2,    2, 9999,    1],
+               [   2,    2, 9999, 9999]], dtype=int16)
+        """
+        found = np.full(self._sizes, FAR, np.int16)
+        left = self._mask.copy()
+        for side in sides:
+            opened = self.opened(side)
+            found[left & ~opened] = side - 1
+            left &= opened
+        return found
 
     def opened(self, side: int) -> np.ndarray:
         """The union of all cubes of this side that lie in the mask; `around` is to be as large, or 0."""
