@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf.losses.region_flips import Candidates, Region, candidates, code_of
+from torchlinf.losses.region_flips import Region, candidates
 from torchlinf.measure import Measure, SolvedLevels, SolvedShape, mean_of_levels
 
 # Only the order of trying depends on these: the share of the complexity near a region that its flip is expected to
@@ -57,12 +57,15 @@ class Simplified:
     after: float
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class _Flip:
-    """A region with what its flip adds to the objective."""
+    """A region, the price of its flip, how many changes that adds, its code, and what it adds to the objective."""
 
     pixels: Region
-    change: float
+    price: int
+    changes: int
+    code: int
+    change: float = math.inf
 
 
 class Descent:
@@ -113,7 +116,7 @@ class Descent:
 
     def _mean(self, values: NDArray[np.float64]) -> float:
         """The complexity of levels, as `mean_of_levels` has it up to rounding."""
-        return float((values * self._weights_of(len(values))).sum())
+        return float(values.dot(self._weights_of(len(values))))
 
     def _weights_of(self, radius: int) -> NDArray[np.float64]:
         """How much each level counts."""
@@ -123,9 +126,6 @@ class Descent:
             self._weights[radius] = np.diff(ends) / (measure.high - measure.low)
         return self._weights[radius]
 
-    def _cost_of(self, price: int) -> float:
-        return price * self._unit
-
     @property
     def _unit(self) -> float:
         """What 1 / STEPS of log-odds costs in bits."""
@@ -133,14 +133,13 @@ class Descent:
 
     def _went_through(self) -> bool:
         """Go through the regions of the shape as it is, until enough are tried in vain; whether that did enough."""
-        proposed, groups = self._regions()
+        groups = self._regions()
         began, vain = self._objective, 0
-        batch: list[Region] = []
+        batch: list[_Flip] = []
         self._touched[:] = False
         for group in itertools.chain(groups, [None]):
             if group is not None:
-                some = (proposed.region(number) for number in group)
-                batch += [pixels for pixels in some if not self._touched[pixels].any() and self._keeps_topology(pixels)]
+                batch += [f for f in group if not self._touched[f.pixels].any() and self._keeps_topology(f.pixels)]
                 if len(batch) < min(BATCH, self._rule.tries):
                     continue
             here = len(self.flips)
@@ -151,7 +150,7 @@ class Descent:
             batch = []
         return self._objective < began - ENOUGH * began
 
-    def _regions(self) -> tuple[Candidates, list[list[int]]]:
+    def _regions(self) -> Iterator[list[_Flip]]:
         """Regions whose flip may pay, those first that promise most; those that may be mirror images stand together.
 
         A flip straightens what is uneven near it: so it promises the more, the more complexity there is near the
@@ -173,78 +172,80 @@ class Descent:
         strides = np.array(row_strides(share.shape))
         steps = np.concatenate([strides, -strides])
         ahead = np.stack([offsets[:, side == reach].T @ strides for side in (*offsets, *-offsets)])
-        prices, nearby = np.empty((2, len(numbers)), np.int64)
+        prices, changes, nearby = np.empty((3, len(numbers)), np.int64)
         most_changed = int(self._rule.max_change * self._area) - self._changed
         weigh(
             proposed.pixels, proposed.begin, numbers, self._sign, self._price, self._closed, self._unit,
             self._value - EQUAL, most_changed, int(self.solved.mask.sum()) // 2, place, share.reshape(-1),
-            strides @ offsets, steps, ahead, np.zeros(2 * share.size, np.int32), prices, nearby,
+            strides @ offsets, steps, ahead, np.zeros(2 * share.size, np.int32), prices, changes,
+            nearby,
         )  # fmt: skip
-        may = nearby > 0
-        numbers, prices, nearby = numbers[may], prices[may], nearby[may]
         size = proposed.begin[numbers + 1] - proposed.begin[numbers]
         order = np.lexsort((size, prices, nearby))
+        order = order[np.searchsorted(nearby[order], 0, side="right") :]
         facts = np.stack([size, prices, nearby])[:, order]
         first = np.flatnonzero((np.diff(facts, axis=1, prepend=-1) != 0).any(axis=0))
-        groups = np.split(numbers[order], first[1:])
+        ends = [*first[1:].tolist(), len(order)]
         size, cost, there = facts[0, first], facts[1, first] * self._unit, facts[2, first] / UNIT
         odds = there / (there + np.maximum(cost, 0) / PROMISE)
         worth = (there * odds**3, HOPE * np.sqrt(size / self._area) - cost)
         careful, bold = ((-gain).argsort(kind="stable").argsort() for gain in worth)
-        best = np.minimum(careful, MIXED * bold).argsort(kind="stable").tolist() if len(first) else []
-        return proposed, [groups[i].tolist() for i in best if len(groups[i]) <= self._rule.tries]
+        for i in np.minimum(careful, MIXED * bold).argsort(kind="stable"):
+            group = order[first[i] : ends[i]].tolist()
+            if len(group) <= self._rule.tries:
+                codes, where = proposed.code[numbers[group]].tolist(), numbers[group].tolist()
+                yield [
+                    _Flip(proposed.pixels[proposed.begin[n] : proposed.begin[n + 1]], int(prices[k]), int(changes[k]), c)
+                    for k, n, c in zip(group, where, codes, strict=True)
+                ]
 
     def _keeps_topology(self, pixels: Region) -> bool:
         return self._topology is None or self._topology.keeps(pixels)
 
-    def _price_of(self, pixels: Region) -> float:
-        """What a flip costs, inf where it is not allowed."""
-        signs = self._sign[pixels]
-        if self._changed + int(signs.sum()) > self._rule.max_change * self._area or not self._keeps_topology(pixels):
-            return math.inf
-        return self._cost_of(int((signs * self._price[pixels]).sum()))
-
-    def _change(self, levels: SolvedLevels, cost: float) -> float:
+    def _change(self, levels: SolvedLevels, price: int) -> float:
         """What a flip adds to the objective that leads to these levels."""
-        return self._mean(levels.values) - self._value + cost if len(levels.values) else math.inf
+        return self._mean(levels.values) - self._value + price * self._unit if len(levels.values) else math.inf
 
-    def _flip(self, pixels: Region) -> bool:
+    def _may_flip(self, flip: _Flip) -> bool:
+        return self._changed + flip.changes <= self._rule.max_change * self._area and self._keeps_topology(flip.pixels)
+
+    def _flip(self, flip: _Flip) -> bool:
         """Make a flip if it pays."""
-        cost = self._price_of(pixels)
-        if cost == math.inf:
+        if not self._may_flip(flip):
             return False
-        levels = self.solved.after(pixels, keep=lambda levels: self._change(levels, cost) < -EQUAL)
-        found = self._change(levels, cost)
-        if found < -EQUAL:
+        levels = self.solved.after(flip.pixels, keep=lambda levels: self._change(levels, flip.price) < -EQUAL)
+        change = self._change(levels, flip.price)
+        if change < -EQUAL:
             if self._topology is not None:
-                self._topology.keeps(pixels, make=True)
+                self._topology.keeps(flip.pixels, make=True)
             self._value = self._mean(levels.values)
-            self._objective += found
-            self._changed += int(self._sign[pixels].sum())
-            self._sign[pixels] *= -1
-            self._touched[pixels] = True
-            self.flips.append(pixels)
-        return found < -EQUAL
+            self._objective += change
+            self._changed += flip.changes
+            self._sign[flip.pixels] *= -1
+            self._touched[flip.pixels] = True
+            self.flips.append(flip.pixels)
+        return change < -EQUAL
 
-    def _make_flips(self, regions: list[Region]) -> None:
-        """Flip those of some regions that pay, the best first, each if it still pays at its turn."""
-        prices = [self._price_of(pixels) for pixels in regions]
-        allowed = [pixels for pixels, price in zip(regions, prices, strict=True) if price < math.inf]
-        levels = iter(self.solved.after_each(allowed))
-        flips = [
-            _Flip(pixels, self._change(next(levels), price) if price < math.inf else math.inf)
-            for pixels, price in zip(regions, prices, strict=True)
-        ]
-        self._refused += [code_of(flip.pixels) for flip in flips if not flip.change < -EQUAL]
+    def _make_flips(self, flips: list[_Flip]) -> None:
+        """Make those of some flips that pay, the best first, each if it still pays at its turn."""
+        may = [flip for flip in flips if self._may_flip(flip)]
+        for flip, levels in zip(may, self.solved.after_each([flip.pixels for flip in may]), strict=True):
+            flip.change = self._change(levels, flip.price)
+        self._refused += [flip.code for flip in flips if not flip.change < -EQUAL]
         flips = [flip for flip in flips if flip.change < -EQUAL]
         while flips and len(self.flips) < self._rule.max_flips:
             best = min(flips, key=lambda flip: (round(flip.change / EQUAL), len(flip.pixels)))
             equal = [f for f in flips if abs(f.change - best.change) <= EQUAL and len(f.pixels) == len(best.pixels)]
             flips = [flip for flip in flips if not any(flip is other for other in equal)]
             # All or none, so that mirror images stay mirror images.
-            pixels = best.pixels if len(equal) == 1 else np.unique(np.concatenate([flip.pixels for flip in equal]))
-            if self._flip(pixels):
+            if self._flip(best if len(equal) == 1 else self._together(equal)):
                 flips = [flip for flip in flips if not self._touched[flip.pixels].any()]
+
+    def _together(self, flips: list[_Flip]) -> _Flip:
+        """One flip of all pixels of some."""
+        pixels = np.unique(np.concatenate([flip.pixels for flip in flips]))
+        signs = self._sign[pixels]
+        return _Flip(pixels, int((signs * self._price[pixels]).sum()), int(signs.sum()), 0)
 
 
 def flipped(mask: NDArray[np.bool_], flips: list[Region]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:

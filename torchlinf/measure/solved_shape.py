@@ -5,6 +5,7 @@ the levels are changed by the pixels that moved. The whole is solved where the r
 and where a flip reaches far.
 """
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil
@@ -197,9 +198,10 @@ class SolvedShape:
         if not self._counted:
             return [], None
         kernels, field = self._flips, self._field
-        places = self._place[np.concatenate(flips)]
-        starts = np.cumsum([0, *map(len, flips)])
-        values, bounds = np.tile(self.levels.values, (len(flips), 1)), np.empty(len(flips))
+        places = self._place[flips[0] if len(flips) == 1 else np.concatenate(flips)]
+        starts = np.array([0, *itertools.accumulate(map(len, flips))])
+        values, bounds = np.empty((len(flips), len(self.levels.values))), np.empty(len(flips))
+        values[:] = self.levels.values
         done, state = 0, field.field.state
         while True:
             self._check()
