@@ -68,6 +68,32 @@ class _Flip:
     change: float = math.inf
 
 
+class _Around:
+    """What is near each pixel of a grid, as `region_weights.weigh` takes it."""
+
+    def __init__(self, sizes: tuple[int, ...]) -> None:
+        from torchlinf.kernels.grid import row_strides
+
+        reach = NEAR[len(sizes) - 1]
+        self._grid = np.zeros([size + 2 * reach for size in sizes], np.int64)
+        self._inner = (slice(reach, -reach),) * len(sizes)
+        index = np.arange(self._grid.size).reshape(self._grid.shape)
+        offsets = np.indices((2 * reach + 1,) * len(sizes)).reshape(len(sizes), -1) - reach
+        strides = np.array(row_strides(self._grid.shape))
+        self.place = index[self._inner].reshape(-1)
+        self.offsets, self.steps = strides @ offsets, np.concatenate([strides, -strides])
+        self.ahead = np.stack([offsets[:, side == reach].T @ strides for side in (*offsets, *-offsets)])
+
+    def padded(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Values with as many 0 around them as is near; overwritten by the next ones."""
+        self._grid[self._inner] = values
+        return self._grid.reshape(-1)
+
+    def seen(self) -> NDArray[np.int32]:
+        """Scratch."""
+        return np.zeros(2 * self._grid.size, np.int32)
+
+
 class Descent:
     """Flips of one shape that pay, made one after another until none does.
 
@@ -91,6 +117,7 @@ class Descent:
         self._area, self._changed = int(mask.sum()), 0
         self._sign = np.ones(mask.size, np.int64)  # -1 where a flip changes a pixel back
         self._touched = np.zeros(mask.size, np.bool_)  # where flips were made since regions were looked for
+        self._around = _Around(mask.shape)
         self._weights: dict[int, NDArray[np.float64]] = {}
         self._refused: list[int] = []  # codes of regions that did not pay
         self.solved = SolvedShape(mask, rule.measure, check)
@@ -157,28 +184,20 @@ class Descent:
         region, and the less it costs. Among those are mixed some that are large for their price, which may change what
         is far from them and lead out of local minima.
         """
-        from torchlinf.kernels.grid import row_strides
         from torchlinf.kernels.region_weights import weigh
 
         inside = torch.from_numpy(self.solved.mask)[None]
         proposed = candidates(self._probability, self._rule.threshold, ANY_NUMBER, inside)
         code, numbers = np.unique(proposed.code, return_index=True)
         numbers = numbers[~np.isin(code, np.array(self._refused, np.uint64))]
-        reach = NEAR[self._mask.ndim - 1]
         share = np.rint(self.solved.shares(self._weights_of(len(self.solved.levels.values))) * UNIT).astype(np.int64)
-        share = np.pad(share, reach)
-        place = np.flatnonzero(np.pad(np.ones(self._mask.shape, np.bool_), reach))
-        offsets = np.indices((2 * reach + 1,) * share.ndim).reshape(share.ndim, -1) - reach
-        strides = np.array(row_strides(share.shape))
-        steps = np.concatenate([strides, -strides])
-        ahead = np.stack([offsets[:, side == reach].T @ strides for side in (*offsets, *-offsets)])
+        around = self._around
         prices, changes, nearby = np.empty((3, len(numbers)), np.int64)
         most_changed = int(self._rule.max_change * self._area) - self._changed
         weigh(
             proposed.pixels, proposed.begin, numbers, self._sign, self._price, self._closed, self._unit,
-            self._value - EQUAL, most_changed, int(self.solved.mask.sum()) // 2, place, share.reshape(-1),
-            strides @ offsets, steps, ahead, np.zeros(2 * share.size, np.int32), prices, changes,
-            nearby,
+            self._value - EQUAL, most_changed, int(self.solved.mask.sum()) // 2, around.place, around.padded(share),
+            around.offsets, around.steps, around.ahead, around.seen(), prices, changes, nearby,
         )  # fmt: skip
         size = proposed.begin[numbers + 1] - proposed.begin[numbers]
         order = np.lexsort((size, prices, nearby))

@@ -228,8 +228,11 @@ def _regions_of(
     gather(_marked(rows), offsets=np.array(along))
     check()
     cubes = Maps(np.stack([_cube_sizes(mask, False), _cube_sizes(~mask, True)]), SIDES) if ndim > 1 else None
+    lengths_of = _run_lengths
+    if has_compiler():
+        from torchlinf.kernels.openings import run_lengths as lengths_of
     lengths = [
-        _run_lengths(x, axis, endless) for axis in range(1, ndim + 1) for x, endless in ((mask, False), (~mask, True))
+        lengths_of(x, axis, endless) for axis in range(1, ndim + 1) for x, endless in ((mask, False), (~mask, True))
     ]
     bars = Maps(np.stack(lengths), SIDES)
     for kind in range(len(SIDES)):
@@ -251,11 +254,11 @@ def _cube_sizes(marked: NDArray[np.bool_], endless: bool) -> NDArray[np.integer]
     length and one more.
     """
     if marked.ndim == 3 and has_compiler():
-        from torchlinf.kernels.openings import CubeOpenings
+        from torchlinf.kernels.openings import square_sizes
 
-        around = min(SIDES[-1], max(marked.shape[1:]) + 1) if endless else 0
-        sides = tuple(min(side, max(marked.shape[1:]) + 1) for side in SIDES)
-        return np.stack([CubeOpenings(one, around).sizes(sides) for one in marked])
+        longest = max(marked.shape[1:]) + 1
+        sides = tuple(side for side in SIDES if side < longest) + (longest,) * (longest <= SIDES[-1])
+        return np.stack([square_sizes(one, sides[-1] if endless else 0, sides) for one in marked])
     inside, found = torch.from_numpy(marked), np.full(marked.shape, FAR, np.int16)
     for side in reversed(SIDES):
         sides = tuple(min(side, size + 1) for size in marked.shape[1:])
