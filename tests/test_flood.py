@@ -45,6 +45,25 @@ def test_regions_are_those_of_scipy(
 
 
 @pytest.mark.parametrize("compiled", PATHS)
+def test_a_map_that_is_the_one_before_is_not_looked_at_again(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(regions, "has_compiler", lambda: compiled)
+    sizes = np.full((1, 2, 6, 8), regions.FAR)
+    sizes[0, 0, 1, 1:4] = 1
+    sizes[0, 0, 4, 2:7] = 4
+    sizes[0, 1, 2, 5] = 1
+    maps = regions.Maps(sizes.astype(np.int16), (2, 3, 5))
+    found = regions.RegionList((6, 8), np.array([20, 20]), 11, 9)  # 3 and 3 + 5 pixels, and not 3 once more
+    for kind in range(3):
+        found.gather(maps, kind, np.array([[1, -1]]), False)
+    _, begin, owner, _ = found.found()
+    # Of the last map the run of 3 comes again, since the map is another one.
+    assert list(zip(owner.tolist(), np.diff(begin).tolist(), strict=True)) in (
+        [(0, 3), (1, 1), (0, 3), (0, 5)],
+        [(0, 3), (1, 1), (0, 5), (0, 3)],
+    )
+
+
+@pytest.mark.parametrize("compiled", PATHS)
 def test_what_is_too_large_or_too_many_is_left_out(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(regions, "has_compiler", lambda: compiled)
     maps = np.zeros((1, 2, 7, 20), bool)

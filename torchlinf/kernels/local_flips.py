@@ -82,7 +82,7 @@ class Histograms(NamedTuple):
 
 @kernel
 def try_each(distances, field, histograms, pixels, starts, first, hold, radius, bound, values, bounds):  # type: ignore[no-untyped-def]
-    """The levels of a shape after each of some flips; returns which flip it has left as it stands, or how many they are.
+    """The levels of a shape after each of some flips; returns which flip it has left as it stands, or their number.
 
     The pixels of flip k, on the padded grid, are those from starts[k] to starts[k + 1]; it begins with flip `first`, or
     goes on with it at a cycle. `radius` and `bound` are those of the shape. values[k], which holds the levels of the

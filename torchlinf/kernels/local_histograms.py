@@ -100,8 +100,8 @@ def _move(x, before, now, doubt, bins, cell, doubtful, tally, sizes, kinds):  # 
 def undo(bins, cell, doubtful, tally, sizes, kinds, trail, old, count):  # type: ignore[no-untyped-def]
     """Put all moved pixels back, the last first."""
     for k in range(count - 1, -1, -1):
-        x = trail[k]
-        _move(x, np.int64(cell[x]), np.int64(old[k] >> 1), np.int64(old[k] & 1), bins, cell, doubtful, tally, sizes, kinds)
+        x, before, doubt = trail[k], np.int64(old[k] >> 1), np.int64(old[k] & 1)
+        _move(x, np.int64(cell[x]), before, doubt, bins, cell, doubtful, tally, sizes, kinds)
 
 
 @kernel

@@ -58,7 +58,7 @@ def _find_room(room):  # type: ignore[no-untyped-def]
 
 @kernel
 def _find_sizes(room, around, sides, lines, left, found):  # type: ignore[no-untyped-def]
-    """Where `found` is FAR - 1, set what `square_sizes` returns; `room` is from `_find_room`, the others are scratch."""
+    """Set what `square_sizes` returns where `found` is FAR - 1; `room` is from `_find_room`, the rest is scratch."""
     height, width = found.shape
     for side in sides:
         ring = min(around, side)

@@ -108,7 +108,7 @@ class RegionList:
         first, number = self._begin[self._count], self._count
         self._pixels[first : first + len(region)] = region
         self._owner[number], self._begin[number + 1] = shape, first + len(region)
-        self._code[number] = code_of_pixels(region)
+        self._code[number] = _code_of(region)
         self._count += 1
 
     def found(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -122,14 +122,8 @@ class RegionList:
         return self._pixels[: begin[-1]].copy(), begin, self._owner[:count].copy(), self._code[:count].copy()
 
 
-def code_of_pixels(region: np.ndarray) -> np.uint64:
-    """64 bits that are the same for the same pixels in any order, and for different ones as good as never."""
-    pixels = region.astype(np.int32)
-    if has_compiler():
-        from torchlinf.kernels.region_flood import code_of
-
-        return np.uint64(code_of(pixels))
-    return np.uint64(hash(np.sort(pixels).tobytes()) & (2**64 - 1))
+def _code_of(region: np.ndarray) -> np.uint64:
+    return np.uint64(hash(np.sort(region.astype(np.int32)).tobytes()) & (2**64 - 1))
 
 
 def regions_by_graph(marked: np.ndarray, offsets: np.ndarray) -> list[np.ndarray]:

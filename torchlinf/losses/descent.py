@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchlinf.losses.region_flips import Region, candidates
+from torchlinf.losses.region_flips import candidates
 from torchlinf.measure import Measure, SolvedLevels, SolvedShape, mean_of_levels
 
 # Only the order of trying depends on these: the share of the complexity near a region that its flip is expected to
@@ -23,6 +23,9 @@ ENOUGH = 0.01  # share by which the objective has to fall, for regions to be loo
 ANY_NUMBER = 1 << 30
 STEPS = 2.0**20  # prices are rounded to 1 / STEPS, so that their sums do not depend on the order of pixels
 EQUAL = 1e-9  # bits; what differs by less is equal, and what gains less does not pay
+
+
+Pixels = NDArray[np.signedinteger]  # flat indices, each once
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ class Simplified:
 class _Flip:
     """A region, the price of its flip, how many changes that adds, its code, and what it adds to the objective."""
 
-    pixels: Region
+    pixels: Pixels
     price: int
     changes: int
     code: int
@@ -123,7 +126,7 @@ class Descent:
         self.solved = SolvedShape(mask, rule.measure, check)
         self.before = self._complexity()
         self._value = self._objective = self._mean(self.solved.levels.values)
-        self.flips: list[Region] = []
+        self.flips: list[Pixels] = []
         self._topology = Topology(mask) if rule.keep_topology else None
         while self._may_go_on() and self._went_through():
             pass
@@ -212,25 +215,24 @@ class Descent:
         for i in np.minimum(careful, MIXED * bold).argsort(kind="stable"):
             group = order[first[i] : ends[i]].tolist()
             if len(group) <= self._rule.tries:
-                codes, where = proposed.code[numbers[group]].tolist(), numbers[group].tolist()
-                yield [
-                    _Flip(proposed.pixels[proposed.begin[n] : proposed.begin[n + 1]], int(prices[k]), int(changes[k]), c)
-                    for k, n, c in zip(group, where, codes, strict=True)
-                ]
+                of = numbers[group].tolist()
+                codes, pixels = proposed.code[of].tolist(), map(proposed.pixels_of, of)
+                sums = prices[group].tolist(), changes[group].tolist()
+                yield [_Flip(*facts) for facts in zip(pixels, *sums, codes, strict=True)]
 
-    def _keeps_topology(self, pixels: Region) -> bool:
+    def _keeps_topology(self, pixels: Pixels) -> bool:
         return self._topology is None or self._topology.keeps(pixels)
 
     def _change(self, levels: SolvedLevels, price: int) -> float:
         """What a flip adds to the objective that leads to these levels."""
         return self._mean(levels.values) - self._value + price * self._unit if len(levels.values) else math.inf
 
-    def _may_flip(self, flip: _Flip) -> bool:
-        return self._changed + flip.changes <= self._rule.max_change * self._area and self._keeps_topology(flip.pixels)
+    def _changes_little(self, flip: _Flip) -> bool:
+        return self._changed + flip.changes <= self._rule.max_change * self._area
 
     def _flip(self, flip: _Flip) -> bool:
         """Make a flip if it pays."""
-        if not self._may_flip(flip):
+        if not (self._changes_little(flip) and self._keeps_topology(flip.pixels)):
             return False
         levels = self.solved.after(flip.pixels, keep=lambda levels: self._change(levels, flip.price) < -EQUAL)
         change = self._change(levels, flip.price)
@@ -242,12 +244,15 @@ class Descent:
             self._changed += flip.changes
             self._sign[flip.pixels] *= -1
             self._touched[flip.pixels] = True
-            self.flips.append(flip.pixels)
+            self.flips.append(flip.pixels.copy())  # of a view of all that were looked at
         return change < -EQUAL
 
     def _make_flips(self, flips: list[_Flip]) -> None:
-        """Make those of some flips that pay, the best first, each if it still pays at its turn."""
-        may = [flip for flip in flips if self._may_flip(flip)]
+        """Make those of some flips that pay, the best first, each if it still pays at its turn.
+
+        Each alone keeps the topology.
+        """
+        may = [flip for flip in flips if self._changes_little(flip)]
         for flip, levels in zip(may, self.solved.after_each([flip.pixels for flip in may]), strict=True):
             flip.change = self._change(levels, flip.price)
         self._refused += [flip.code for flip in flips if not flip.change < -EQUAL]
@@ -267,7 +272,7 @@ class Descent:
         return _Flip(pixels, int((signs * self._price[pixels]).sum()), int(signs.sum()), 0)
 
 
-def flipped(mask: NDArray[np.bool_], flips: list[Region]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+def flipped(mask: NDArray[np.bool_], flips: Sequence[Pixels]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """A mask after flips, and the number of the flip that changed each pixel last, from 1; 0 for none.
 
     >>> flipped(np.array([True, False]), [np.array([0, 1]), np.array([1])])
@@ -295,7 +300,7 @@ class Topology:
         self._around = np.array(around, np.int64)
         self._simple = simple_neighbourhoods()
 
-    def keeps(self, pixels: Region, make: bool = False) -> bool:
+    def keeps(self, pixels: Pixels, make: bool = False) -> bool:
         """Whether a flip of these pixels is a series of simple flips; with `make` they stay flipped."""
         from torchlinf.kernels.simple_flips import flip_simply
 

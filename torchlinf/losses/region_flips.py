@@ -19,7 +19,7 @@ from torch import Tensor
 from torchlinf._helpers.morphology import closed, opened
 from torchlinf._helpers.parallel import for_each
 from torchlinf.kernels import has_compiler
-from torchlinf.kernels.regions import FAR, Maps, RegionList, code_of_pixels
+from torchlinf.kernels.regions import FAR, Maps, RegionList
 from torchlinf.measure import Measure, complexities_after_flips, complexity
 
 # Sides in pixels of the squares and bars that open and close the shape: every small one, then in steps of sqrt 2. The
@@ -59,7 +59,11 @@ class Candidates:
 
     def region(self, number: int) -> Region:
         """The pixels of a region, ascending."""
-        return np.sort(self.pixels[self.begin[number] : self.begin[number + 1]]).astype(np.int64)
+        return np.sort(self.pixels_of(number)).astype(np.int64)
+
+    def pixels_of(self, number: int) -> NDArray[np.int32]:
+        """The pixels of a region as they come; a view."""
+        return self.pixels[self.begin[number] : self.begin[number + 1]]
 
     def chosen(self, keep: NDArray[np.bool_]) -> "Candidates":
         """Some of the regions."""
@@ -108,11 +112,6 @@ def candidates(probability: Tensor, threshold: float, max_flips: int, inside: Te
     begin = [np.zeros(1, np.int64), *(begin[1:] + end for begin, end in zip(begins, ends, strict=False))]
     owner = [owner + np.int32(i * step) for i, owner in enumerate(owners)]
     return Candidates(*(np.concatenate(arrays) for arrays in (pixels, begin, owner, codes)))
-
-
-def code_of(region: Region) -> int:
-    """The `Candidates.code` of a region."""
-    return int(code_of_pixels(region))
 
 
 def select(inside: Tensor, proposed: Candidates, max_flips: int) -> list[list[Region]]:

@@ -25,7 +25,7 @@ from torchlinf.measure.levels import estimates, levels_of_each, numbers_of, refi
 from torchlinf.measure.options import Measure
 from torchlinf.measure.profile import mean_of_levels
 
-Pixels = NDArray[np.int64]  # flat indices into the mask of a shape, each once
+Pixels = NDArray[np.signedinteger]  # flat indices into the mask of a shape, each once
 Keep = Callable[["SolvedLevels"], bool]
 
 CELLS = 1 << 22  # levels times bins up to which the histograms are kept, of 4 bytes each
@@ -243,7 +243,10 @@ class SolvedShape:
         return levels
 
     def _from(self, change: Any, keep: Keep) -> tuple[SolvedLevels | None, bool]:
-        """The levels after the flip that stands, from the field, and whether it was kept; None where that does not do."""
+        """The levels after the flip that stands, from the whole field, and whether it was kept.
+
+        None where that does not do.
+        """
         found = whole = None
         kept = False
         if change.solved and change.radius > 0:
