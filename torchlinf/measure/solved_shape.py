@@ -216,8 +216,8 @@ class SolvedShape:
         found = [SolvedLevels(values[i], exact, float(bounds[i]), True) for i in range(done)]
         if done == len(flips):
             return found, None
-        if state[kernels.FLIP] == kernels.OTHER_RADIUS:
-            field.undo()
+        if state[kernels.FLIP] == kernels.OTHER_RADIUS and self._rho is not None:
+            field.undo()  # with a given rho it can be solved locally, but has other levels
             return found, None
         counted = state[kernels.FLIP] == kernels.NOT_COUNTED
         if counted:
