@@ -71,13 +71,13 @@ class LocalSolve:
         trail, old, parts = np.empty((3, 2 * size), np.int32)
         counts = np.bincount(self.distance, minlength=max(grid.shape) + 1)
         self.distances = local_flips.Distances(self.distance, grid.block, counts, trail, old, parts)
-        system = self._system.scratch
+        up, down, factors, owner, path = self._system.scratch
         active, beside = np.empty((2, size), np.int32)
         starts, ends = np.empty((2, size), np.int64)
         self.field = local_flips.Field(
             self.v, grid.rows, float(shape.screening), float(self.tol), PASSES, ROUNDS, int(SHARE * grid.pixels),
-            TIE * self._largest, NOISE, *system, np.zeros(size, np.uint8), active, np.empty(size), beside, starts, ends,
-            np.zeros(local_flips.ALL_STATES, np.int64),
+            TIE * self._largest, NOISE, up, down, factors, owner, path, np.zeros(size, np.uint8), active, np.empty(size),
+            beside, starts, ends, np.zeros(local_flips.ALL_STATES, np.int64),
         )  # fmt: skip
 
     def apply(self, pixels: NDArray[np.int32], check: Callable[[], None]) -> Change:
