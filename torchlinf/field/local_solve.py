@@ -76,8 +76,8 @@ class LocalSolve:
         starts, ends = np.empty((2, size), np.int64)
         self.field = local_flips.Field(
             self.v, grid.rows, float(shape.screening), float(self.tol), PASSES, ROUNDS, int(SHARE * grid.pixels),
-            TIE * self._largest, NOISE, up, down, factors, owner, path, np.zeros(size, np.uint8), active, np.empty(size),
-            beside, starts, ends, np.zeros(local_flips.ALL_STATES, np.int64),
+            TIE * self._largest, NOISE, up, down, factors, owner, path, np.zeros(size, np.uint8), active,
+            np.empty(size), beside, starts, ends, np.zeros(local_flips.ALL_STATES, np.int64),
         )  # fmt: skip
 
     def apply(self, pixels: NDArray[np.int32], check: Callable[[], None]) -> Change:
