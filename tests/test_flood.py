@@ -17,10 +17,8 @@ def gathered(
     """The shape and the sorted pixels of every region of the maps, (G, N, *sizes), and their codes."""
     ndim = maps.ndim - 2
     found = regions.RegionList(maps.shape[2:], np.full(maps.shape[1], limit), budget, most)
-    padded, inner = found.empty_maps(len(maps))
-    inner[:] = maps
     steps = np.array([step for step in itertools.product((-1, 0, 1), repeat=ndim) if any(step)])
-    found.gather(padded, np.tile(steps @ found.strides, (len(maps), 1)), whole)
+    found.gather(regions.Maps(np.where(maps, 0, 1), (1,)), 0, np.tile(steps @ found.strides, (len(maps), 1)), whole)
     pixels, begin, owner, code = found.found()
     parts = [tuple(np.sort(pixels[a:b]).tolist()) for a, b in itertools.pairwise(begin.tolist())]
     return list(zip(owner.tolist(), parts, strict=True)), code.tolist()
@@ -44,6 +42,25 @@ def test_regions_are_those_of_scipy(
     assert sorted(found) == sorted(expected)
     pairs = {(region, number) for (_, region), number in zip(found, code, strict=True)}
     assert len(pairs) == len({region for region, _ in pairs}) == len({number for _, number in pairs})
+
+
+@pytest.mark.parametrize("compiled", PATHS)
+def test_a_map_that_is_the_one_before_is_not_looked_at_again(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(regions, "has_compiler", lambda: compiled)
+    sizes = np.full((1, 2, 6, 8), regions.FAR)
+    sizes[0, 0, 1, 1:4] = 1
+    sizes[0, 0, 4, 2:7] = 4
+    sizes[0, 1, 2, 5] = 1
+    maps = regions.Maps(sizes.astype(np.int16), (2, 3, 5))
+    found = regions.RegionList((6, 8), np.array([20, 20]), 11, 9)  # 3 and 3 + 5 pixels, and not 3 once more
+    for kind in range(3):
+        found.gather(maps, kind, np.array([[1, -1]]), False)
+    _, begin, owner, _ = found.found()
+    # Of the last map the run of 3 comes again, since the map is another one.
+    assert list(zip(owner.tolist(), np.diff(begin).tolist(), strict=True)) in (
+        [(0, 3), (1, 1), (0, 3), (0, 5)],
+        [(0, 3), (1, 1), (0, 5), (0, 3)],
+    )
 
 
 @pytest.mark.parametrize("compiled", PATHS)

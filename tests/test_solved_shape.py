@@ -101,6 +101,37 @@ def test_flips_that_are_kept_add_up(options: dict[str, Any]) -> None:
             assert_levels(found, mask, options)
 
 
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_many_flips_tried_at_once_leave_the_shape_as_it_is(options: dict[str, Any]) -> None:
+    mask = blob((27, 22), 5)
+    flips = [*flips_of(mask, 3, 24), np.flatnonzero(mask)[::3]]  # the last one reaches everywhere
+    shape = SolvedShape(mask, Measure(**options))
+    before = shape.levels.values.copy()
+    for _ in range(2):  # the second time from what the first has left
+        found = shape.after_each(flips)
+        assert len(found) == len(flips)
+        for pixels, levels in zip(flips, found, strict=True):
+            assert_levels(levels, flipped(mask, pixels), options)
+    assert len({levels.local for levels in found}) == 2
+    assert np.array_equal(shape.levels.values, before)
+    assert np.array_equal(shape.mask, mask)
+    assert shape.after_each([]) == []
+
+
+def test_levels_of_a_few_values_that_many_pixels_have() -> None:
+    # A cell of 64 pixels or more is counted apart from the smaller ones.
+    mask = np.zeros((60, 90), bool)
+    mask[5:55, 5:85] = True
+    shape = SolvedShape(mask, Measure())
+    local = 0
+    for place in [(5, 5), (5, 84), (4, 20), (54, 83), (55, 30)]:
+        pixels = np.array([np.ravel_multi_index(place, mask.shape)])
+        mask = flipped(mask, pixels)
+        assert_levels(shape.after(pixels, keep=True), mask, {})
+        local += shape.levels.local
+    assert local > 0
+
+
 def test_a_large_flip_and_one_that_leaves_nothing() -> None:
     mask = np.zeros((40, 52), bool)
     mask[3:37, 4:47] = True

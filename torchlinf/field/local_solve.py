@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf.field.policy_iteration import NOISE, TIE, PolicyIteration
-from torchlinf.kernels import local_distance, local_field
+from torchlinf.kernels import local_field, local_flips
 from torchlinf.kernels.grid import make_grid
 from torchlinf.kernels.policy_system import PolicySystem
 
@@ -51,6 +51,8 @@ class LocalSolve:
         bound: certified relative error of the field of the shape, without a flip that is neither kept nor undone.
         tol: what that error is solved to after a flip; not below `bound`.
         radius: D of that shape.
+        distances: what the kernels of `local_flips` know of the distance.
+        field: what they know of the field.
     """
 
     def __init__(self, solved: PolicyIteration, rho: float | None, tol: float) -> None:
@@ -61,51 +63,54 @@ class LocalSolve:
         self.radius, self.bound = shape.radius, solved.bound
         self.tol = max(solved.bound, min(max(2 * solved.bound, solved.finest), tol))
         self._follows_radius = rho is None
-        self._shape = shape
+        self._shape, grid = shape, shape.grid
         self._largest = float(shape.profile[-1])
-        self._limit = int(SHARE * shape.grid.pixels)
-        self._counts = np.bincount(self.distance, minlength=max(shape.grid.shape) + 1)
-        # On a grid that is seen as all inside, since any pixel of it may be filled.
-        self._system = PolicySystem(replace(shape.grid, pixels=size), shape.screening)
-        self._listed = np.zeros(size, np.uint8)
-        self._active, self._beside = np.empty((2, size), np.int32)
-        self._starts, self._ends = np.empty((2, size), np.int64)
-        self._before = np.empty(size)
-        self._trail, self._old = np.empty((2, 2 * size), np.int32)
-        self._state = np.zeros(local_field.STATES, np.int64)
-        self._num_shifted = 0
         self._last: Change | None = None
+        # On a grid that is seen as all inside, since any pixel of it may be filled.
+        self._system = PolicySystem(replace(grid, pixels=size), shape.screening)
+        trail, old, parts = np.empty((3, 2 * size), np.int32)
+        counts = np.bincount(self.distance, minlength=max(grid.shape) + 1)
+        self.distances = local_flips.Distances(self.distance, grid.block, counts, trail, old, parts)
+        up, down, factors, owner, path = self._system.scratch
+        active, beside = np.empty((2, size), np.int32)
+        starts, ends = np.empty((2, size), np.int64)
+        self.field = local_flips.Field(
+            self.v, grid.rows, float(shape.screening), float(self.tol), PASSES, ROUNDS, int(SHARE * grid.pixels),
+            TIE * self._largest, NOISE, up, down, factors, owner, path, np.zeros(size, np.uint8), active,
+            np.empty(size), beside, starts, ends, np.zeros(local_flips.ALL_STATES, np.int64),
+        )  # fmt: skip
 
     def apply(self, pixels: NDArray[np.int32], check: Callable[[], None]) -> Change:
         """Flip pixels, each given once and none of the ring, and solve; `undo` or `keep` has to follow."""
-        inside = self.distance[pixels] > 0
-        flipped = pixels[inside], pixels[~inside]
-        count, radius = local_distance.flip(
-            self.distance, *flipped, self._shape.grid.block, self._counts, self._trail, self._old
-        )
-        self._num_shifted = count
-        self._state[local_field.LISTED] = 0
-        solved, bound = False, np.inf
-        if radius == self.radius or not self._follows_radius:
-            bound = max(self.bound, self._solve(*flipped, check))
-            solved = bound < np.inf
-        moved = self._active[: self._state[local_field.LISTED]]
-        self._last = Change(radius, solved, bound, moved, self._trail[:count])
+        local_flips.begin(self.distances, self.field, pixels)
+        bound = np.inf
+        if self.field.state[local_flips.RADIUS] == self.radius or not self._follows_radius:
+            bound = max(self.bound, self._solve(check))
+        return self.change(bound)
+
+    def change(self, bound: float) -> Change:
+        """What the flip that stands has changed; `bound` is inf if it is not solved."""
+        state = self.field.state
+        moved = self.field.active[: state[local_field.LISTED]]
+        shifted = self.distances.trail[: state[local_flips.SHIFTED]]
+        self._last = Change(int(state[local_flips.RADIUS]), bound < np.inf, bound, moved, shifted)
         return self._last
 
     def undo(self) -> None:
         """Flip back: field and distance are what they were, to the last bit."""
-        self._end(True)
-        local_distance.undo(self.distance, self._counts, self._trail, self._old, self._num_shifted)
-        self._num_shifted = 0
+        local_flips.settle(self.distances, self.field, True)
 
     def keep(self) -> None:
         """Make the last flip, which must have been solved, a part of the shape."""
         assert self._last is not None
         assert self._last.solved
-        self._end(False)
+        local_flips.settle(self.distances, self.field, False)
         self.radius, self.bound = self._last.radius, self._last.bound
-        self._num_shifted = 0
+
+    def solve_cycle(self, residual: float) -> None:
+        """Solve the cycle of policies that `local_flips` has stopped at."""
+        tol = max(NOISE * residual, 1e-13 * self._largest)
+        self._system.solve_cycle(self.v, self.field.state[local_field.CHAINS :], tol)
 
     def whole(self, tol: float, check: Callable[[], None]) -> PolicyIteration:
         """After a flip that was not solved and has left the radius as it was: a solve of all of the shape.
@@ -118,24 +123,12 @@ class LocalSolve:
         solve.run_from(self.v)
         return solve
 
-    def _end(self, undo: bool) -> None:
-        count = self._state[local_field.LISTED]
-        local_field.end(
-            self.v, undo, self._listed, self._system.up, self._system.down, self._active, self._before, count
-        )
-        self._state[local_field.LISTED] = 0
-
-    def _solve(self, removed: NDArray[np.int32], filled: NDArray[np.int32], check: Callable[[], None]) -> float:
+    def _solve(self, check: Callable[[], None]) -> float:
         """Solve where the flip reaches; returns the largest residual there, inf where this has to be left undone."""
-        grid, screening, system, state = self._shape.grid, self._shape.screening, self._system, self._state
-        lists = self._listed, self._active, self._before
-        local_field.begin(self.v, self.distance, removed, filled, grid.block, *lists, state)
+        state = self.field.state
         while True:
             check()
-            residual: float = local_field.advance(
-                self.v, self.distance, grid.block, grid.rows, screening, self.tol, PASSES, ROUNDS, self._limit,
-                TIE * self._largest, NOISE, *system.scratch, *lists, self._beside, self._starts, self._ends, state,
-            )  # fmt: skip
+            residual: float = local_flips.solve(self.distances, self.field)
             if state[local_field.END] != local_field.AT_CYCLE:
                 return residual if state[local_field.END] == local_field.SOLVED else np.inf
-            system.solve_cycle(self.v, state[local_field.CHAINS :], max(NOISE * residual, 1e-13 * self._largest))
+            self.solve_cycle(residual)

@@ -6,47 +6,74 @@ from torchlinf.kernels.compiler import inlined, kernel
 
 
 @kernel
-def gather_maps(  # type: ignore[no-untyped-def]
-    maps, offsets, whole, within, limit, left, most, tally, pixels, begin, owner, code, count, marked
-):
-    """Append regions as `regions.gather` does; returns how many there are then. `tally` and `marked` are scratch."""
-    end = begin[count]
-    for n in range(maps.shape[1]):
+def sort_by_size(sizes, kind, order, ends):  # type: ignore[no-untyped-def]
+    """The pixels of each map (row of `sizes`), those of the first kind first.
+
+    `kind` is the number of the kind of each size, from 0, and ends[m, k] becomes the number of pixels of map m of the
+    kinds up to k. Sizes from kind.size on are left out.
+    """
+    for m in range(sizes.shape[0]):
+        row, end, places = sizes[m], ends[m], order[m]
+        end[:] = 0
+        for x in range(row.size):
+            if row[x] < kind.size:
+                end[kind[row[x]]] += 1
         total = 0
-        for g in range(maps.shape[0]):
-            for x in range(maps.shape[2]):
-                total += maps[g, n, x]
+        for k in range(end.size):
+            total += end[k]
+            end[k] = total - end[k]
+        for x in range(row.size):
+            if row[x] < kind.size:
+                k = kind[row[x]]
+                places[end[k]] = x
+                end[k] += 1
+
+
+@kernel
+def gather_maps(  # type: ignore[no-untyped-def]
+    order, ends, kind, offsets, whole, place, within, limit, left, most, tally, pixels, begin, owner, code, count, row
+):
+    """Append regions as `regions.gather` does; returns how many there are then. `tally` and `row` are scratch, 0."""
+    end = begin[count]
+    for n in range(order.shape[1]):
+        total = 0
+        for g in range(order.shape[0]):
+            total += _new(ends[g, n], kind)
         if total > left[n]:
             continue
         left[n] -= total
-        for g in range(maps.shape[0]):
-            row = maps[g, n]
-            stop = 0
-            for x in range(row.size):
-                marked[stop] = x
-                stop += row[x]
+        for g in range(order.shape[0]):
+            marked = order[g, n, : _new(ends[g, n], kind)]
+            for x in marked:
+                row[place[x]] = 1
             first = count
-            if whole and 0 < stop <= limit[n]:
-                for k in range(stop):
-                    pixels[end + k] = within[marked[k]]
-                count, end = _close(n, end, end + stop, count, pixels, begin, owner, code)
-            for k in range(stop):
-                if row[marked[k]] == 0:
+            if whole and 0 < marked.size <= limit[n]:
+                for k in range(marked.size):
+                    pixels[end + k] = marked[k]
+                count, end = _close(n, end, end + marked.size, count, pixels, begin, owner, code)
+            for x in marked:
+                if row[place[x]] == 0:
                     continue
                 following = end
-                stop_at = _spread(row, marked[k], offsets[g], pixels, end)
-                size = stop_at - following
-                kind = size if size < tally.size else 0
-                tally[kind] += 1
-                if size <= limit[n] and (kind == 0 or tally[kind] <= most + 1):
-                    for j in range(following, stop_at):
+                stop = _spread(row, place[x], offsets[g], pixels, end)
+                size = stop - following
+                same = size if size < tally.size else 0
+                tally[same] += 1
+                if size <= limit[n] and (same == 0 or tally[same] <= most + 1):
+                    for j in range(following, stop):
                         pixels[j] = within[pixels[j]]
-                    count, end = _close(n, end, stop_at, count, pixels, begin, owner, code)
+                    count, end = _close(n, end, stop, count, pixels, begin, owner, code)
             for i in range(first, count):
                 size = begin[i + 1] - begin[i]
                 tally[size if size < tally.size else 0] = 0
             tally[0] = 0
     return count
+
+
+@inlined
+def _new(ends, kind):  # type: ignore[no-untyped-def]
+    """How many pixels the map of the kinds up to `kind` has; 0 if it is the one before."""
+    return 0 if kind > 0 and ends[kind] == ends[kind - 1] else ends[kind]
 
 
 @kernel

@@ -6,9 +6,11 @@ from torchlinf.kernels.compiler import kernel
 @kernel
 def weigh(  # type: ignore[no-untyped-def]
     pixels, begin, numbers, sign, price, closed, unit, most, most_changed, most_pixels, place, share, around, steps,
-    ahead, seen, prices, near,
+    ahead, seen, prices, changes, near,
 ):  # fmt: skip
-    """Fill in the price of each region and the sum of `share` over it and `around` it, -1 where it may not be flipped.
+    """Fill in the price of each region, how many changes it adds, and the complexity near it.
+
+    That is the sum of `share` over it and `around` it, and -1 where it may not be flipped.
 
     `pixels` are flat, those of region r from begin[r] to begin[r + 1]; `numbers` are the regions asked for. `sign` is
     +1 where a flip changes a pixel and -1 where it changes it back, `closed` tells where nothing may be flipped. A
@@ -28,7 +30,7 @@ def weigh(  # type: ignore[no-untyped-def]
             total += sign[x] * price[x]
             changed += sign[x]
             free = free and not closed[x]
-        prices[k] = total
+        prices[k], changes[k] = total, changed
         near[k] = -1
         if not free or changed > most_changed or total * unit >= most:
             continue

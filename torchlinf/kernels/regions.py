@@ -8,6 +8,38 @@ from torchlinf.kernels import has_compiler
 from torchlinf.kernels.grid import interior, row_strides
 
 SMALL = 1 << 12  # sizes below this are counted
+FAR = 9999  # a size beyond all sides
+
+
+class Maps:
+    """Maps of the pixels whose size is below a side, for several sides.
+
+    Args:
+        sizes: (G, N, *spatial) of int16 or int32, G sizes of each pixel of N shapes.
+        sides: ascending.
+
+    Attributes:
+        order: (G, N, pixels) int32, flat, those of smaller sizes first.
+        ends: (G, N, sides) int64, how many of these are smaller than each side.
+
+    >>> maps = Maps(np.array([[[3, 1, 9, 2]]]), (2, 4))
+    >>> maps.order[0, 0, :3].tolist(), maps.ends.tolist()
+    ([1, 0, 3], [[[1, 3]]])
+    """
+
+    def __init__(self, sizes: np.ndarray, sides: tuple[int, ...]) -> None:
+        flat = sizes.reshape(*sizes.shape[:2], -1)
+        if has_compiler():
+            from torchlinf.kernels.region_flood import sort_by_size
+
+            self.order, self.ends = np.empty(flat.shape, np.int32), np.empty((*flat.shape[:2], len(sides)), np.int64)
+            kind = np.searchsorted(sides, np.arange(sides[-1]), side="right")
+            rows = flat.shape[0] * flat.shape[1]
+            sort_by_size(flat.reshape(rows, -1), kind, self.order.reshape(rows, -1), self.ends.reshape(rows, -1))
+        else:
+            kinds = np.searchsorted(sides, flat, side="right")
+            self.order = kinds.argsort(axis=-1, kind="stable").astype(np.int32)
+            self.ends = np.stack([(flat < side).sum(axis=-1) for side in sides], axis=-1)
 
 
 class RegionList:
@@ -28,47 +60,45 @@ class RegionList:
         within = np.full(padded, -1, np.int32)
         within[interior(len(sizes))] = np.arange(prod(sizes)).reshape(sizes)
         self._within = within.reshape(-1)
+        self._place = np.flatnonzero(self._within >= 0).astype(np.int32)
         # The map as a whole and its regions: no more than twice what is looked at. What is not used is never touched.
         capacity = 2 * budget * len(limit)
         self._pixels, self._owner = np.empty((2, capacity), np.int32)
         self._begin, self._code = np.zeros(capacity + 1, np.int64), np.empty(capacity, np.uint64)
-        self._tally, self._marked = np.zeros(SMALL, np.int64), np.empty(prod(padded), np.int32)
+        self._tally, self._row = np.zeros(SMALL, np.int64), np.zeros(prod(padded), np.uint8)
         self._count = 0
 
-    def empty_maps(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """So many maps of no pixels, (number, N, *padded) bool, and the view of them without the ring, to be marked."""
-        maps = np.zeros((number, len(self._limit), *self._padded), np.bool_)
-        return maps, maps[(slice(None), slice(None), *interior(len(self._padded)))]
-
-    def gather(self, maps: np.ndarray, offsets: np.ndarray, whole: bool) -> None:
-        """Add the regions of a group of maps, which are overwritten.
+    def gather(self, maps: "Maps", kind: int, offsets: np.ndarray, whole: bool) -> None:
+        """Add the regions of the maps of one side, none of them if the map is the one of the side before.
 
         Args:
-            maps: (G, N, *padded) bool, with a ring of False.
+            maps: G maps of each of the shapes.
+            kind: which of the sides.
             offsets: (G, K) flat, on the padded grid; two pixels of a map are joined if they differ by one of its
                 offsets, which hold their negatives too; 0 for none.
             whole: whether a map as a whole is a region too.
         """
-        flat = maps.reshape(*maps.shape[:2], -1).view(np.uint8)
         if has_compiler():
             from torchlinf.kernels.region_flood import gather_maps
 
             self._count = gather_maps(
-                flat, offsets, whole, self._within, self._limit, self._left, self._most, self._tally, self._pixels,
-                self._begin, self._owner, self._code, self._count, self._marked,
+                maps.order, maps.ends, kind, offsets, whole, self._place, self._within, self._limit, self._left,
+                self._most, self._tally, self._pixels, self._begin, self._owner, self._code, self._count, self._row,
             )  # fmt: skip
             return
-        total = flat.sum(axis=(0, 2), dtype=np.int64)
-        for n in np.flatnonzero(total <= self._left):
-            self._left[n] -= total[n]
-            for marked, steps in zip(flat[:, n], offsets, strict=True):
-                regions = regions_by_graph(marked, steps)
+        total = maps.ends[..., kind] * (maps.ends[..., kind] != (maps.ends[..., kind - 1] if kind else -1))
+        for n in np.flatnonzero(total.sum(axis=0) <= self._left):
+            self._left[n] -= total[:, n].sum()
+            for g, steps in enumerate(offsets):
+                self._row[self._place[maps.order[g, n, : total[g, n]]]] = 1
+                regions = regions_by_graph(self._row, steps)
+                self._row[:] = 0
                 chosen = [np.concatenate(regions)] if whole and regions else []
                 counted = np.zeros(SMALL, np.int64)
                 for region in regions:
-                    kind = len(region) if len(region) < SMALL else 0
-                    counted[kind] += 1
-                    if kind == 0 or counted[kind] <= self._most + 1:
+                    same = len(region) if len(region) < SMALL else 0
+                    counted[same] += 1
+                    if same == 0 or counted[same] <= self._most + 1:
                         chosen.append(region)
                 for region in chosen:
                     if len(region) <= self._limit[n]:
@@ -78,7 +108,7 @@ class RegionList:
         first, number = self._begin[self._count], self._count
         self._pixels[first : first + len(region)] = region
         self._owner[number], self._begin[number + 1] = shape, first + len(region)
-        self._code[number] = code_of_pixels(region)
+        self._code[number] = _code_of(region)
         self._count += 1
 
     def found(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -92,14 +122,8 @@ class RegionList:
         return self._pixels[: begin[-1]].copy(), begin, self._owner[:count].copy(), self._code[:count].copy()
 
 
-def code_of_pixels(region: np.ndarray) -> np.uint64:
-    """64 bits that are the same for the same pixels in any order, and for different ones as good as never."""
-    pixels = region.astype(np.int32)
-    if has_compiler():
-        from torchlinf.kernels.region_flood import code_of
-
-        return np.uint64(code_of(pixels))
-    return np.uint64(hash(np.sort(pixels).tobytes()) & (2**64 - 1))
+def _code_of(region: np.ndarray) -> np.uint64:
+    return np.uint64(hash(np.sort(region.astype(np.int32)).tobytes()) & (2**64 - 1))
 
 
 def regions_by_graph(marked: np.ndarray, offsets: np.ndarray) -> list[np.ndarray]:

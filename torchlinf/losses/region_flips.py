@@ -19,7 +19,7 @@ from torch import Tensor
 from torchlinf._helpers.morphology import closed, opened
 from torchlinf._helpers.parallel import for_each
 from torchlinf.kernels import has_compiler
-from torchlinf.kernels.regions import RegionList, code_of_pixels
+from torchlinf.kernels.regions import FAR, Maps, RegionList
 from torchlinf.measure import Measure, complexities_after_flips, complexity
 
 # Sides in pixels of the squares and bars that open and close the shape: every small one, then in steps of sqrt 2. The
@@ -59,7 +59,11 @@ class Candidates:
 
     def region(self, number: int) -> Region:
         """The pixels of a region, ascending."""
-        return np.sort(self.pixels[self.begin[number] : self.begin[number + 1]]).astype(np.int64)
+        return np.sort(self.pixels_of(number)).astype(np.int64)
+
+    def pixels_of(self, number: int) -> NDArray[np.int32]:
+        """The pixels of a region as they come; a view."""
+        return self.pixels[self.begin[number] : self.begin[number + 1]]
 
     def chosen(self, keep: NDArray[np.bool_]) -> "Candidates":
         """Some of the regions."""
@@ -108,11 +112,6 @@ def candidates(probability: Tensor, threshold: float, max_flips: int, inside: Te
     begin = [np.zeros(1, np.int64), *(begin[1:] + end for begin, end in zip(begins, ends, strict=False))]
     owner = [owner + np.int32(i * step) for i, owner in enumerate(owners)]
     return Candidates(*(np.concatenate(arrays) for arrays in (pixels, begin, owner, codes)))
-
-
-def code_of(region: Region) -> int:
-    """The `Candidates.code` of a region."""
-    return int(code_of_pixels(region))
 
 
 def select(inside: Tensor, proposed: Candidates, max_flips: int) -> list[list[Region]]:
@@ -210,16 +209,14 @@ def _regions_of(
     block = [step for step in itertools.product((-1, 0, 1), repeat=ndim) if any(step)]
     around = np.array(block).reshape(-1, ndim) @ regions.strides
 
-    def gather(marks: list[NDArray[np.bool_]], offsets: NDArray[np.int64] | None = None) -> None:
+    def gather(maps: Maps, kind: int = 0, offsets: NDArray[np.int64] | None = None) -> None:
         """Maps that an axis swap turns into each other come together, so that the budget treats them alike."""
         check()
-        maps, view = regions.empty_maps(len(marks))
-        for one, marked in zip(view, marks, strict=True):
-            one[:] = marked
-        regions.gather(maps, np.tile(around, (len(marks), 1)) if offsets is None else offsets, offsets is None)
+        steps = np.tile(around, (len(maps.order), 1)) if offsets is None else offsets
+        regions.gather(maps, kind, steps, offsets is None)
 
     low, high = (grey > level_at_odds(threshold, level) for level in DOUBT)
-    gather([low & ~mask, mask & ~high])
+    gather(_marked([low & ~mask, mask & ~high]))
     rows, along = [], []
     for axis in range(ndim):
         for direction in (1, -1):
@@ -227,37 +224,46 @@ def _regions_of(
             rows += [mask & ~beside, beside & ~mask]
         faces = np.delete(regions.strides, axis)
         along += [np.concatenate([[0], faces, -faces])] * 4
-    gather(rows, np.array(along))
-    # Boxes that are longer than the array all act like one of its own length (closing) or leave nothing (opening).
-    longest = [size + 1 for size in mask.shape[1:]]
+    gather(_marked(rows), offsets=np.array(along))
+    check()
+    cubes = Maps(np.stack([_cube_sizes(mask, False), _cube_sizes(~mask, True)]), SIDES) if ndim > 1 else None
+    lengths_of = _run_lengths
+    if has_compiler():
+        from torchlinf.kernels.openings import run_lengths as lengths_of
     lengths = [
-        _run_lengths(x, axis, endless) for axis in range(1, ndim + 1) for x, endless in ((mask, False), (~mask, True))
+        lengths_of(x, axis, endless) for axis in range(1, ndim + 1) for x, endless in ((mask, False), (~mask, True))
     ]
-    changed = _by_cubes(mask)
-    for sides in dict.fromkeys(tuple(min(side, most) for most in longest) for side in SIDES):
-        if ndim > 1:
-            gather(changed(sides))
-        gather([length < sides[i // 2] for i, length in enumerate(lengths)])
+    bars = Maps(np.stack(lengths), SIDES)
+    for kind in range(len(SIDES)):
+        if cubes is not None:
+            gather(cubes, kind)
+        gather(bars, kind)
     return regions.found()
 
 
-def _by_cubes(mask: NDArray[np.bool_]) -> Callable[[tuple[int, ...]], list[NDArray[np.bool_]]]:
-    """What openings and closings by boxes, cubes as far as the array is long enough, remove and fill."""
-    if mask.ndim != 3 or not has_compiler():
-        inside = torch.from_numpy(mask)
-        return lambda sides: [(inside & ~opened(inside, sides)).numpy(), (closed(inside, sides) & ~inside).numpy()]
-    from torchlinf.kernels.openings import CubeOpenings
+def _marked(marks: list[NDArray[np.bool_]]) -> Maps:
+    """Maps of what is marked."""
+    return Maps(1 - np.stack(marks).view(np.int8).astype(np.int16), (1,))
 
-    around = min(SIDES[-1], max(mask.shape[1:]) + 1)
-    pairs = [(CubeOpenings(one, 0), CubeOpenings(~one, around)) for one in mask]
 
-    def changed(sides: tuple[int, ...]) -> list[NDArray[np.bool_]]:
-        side = max(sides)
-        opened = np.stack([inner.opened(side) for inner, _ in pairs])
-        left = np.stack([outer.opened(side) for _, outer in pairs])
-        return [mask & ~opened, ~mask & ~left]
+def _cube_sizes(marked: NDArray[np.bool_], endless: bool) -> NDArray[np.integer]:
+    """For each marked pixel one less than the least of `SIDES` of which no cube in what is marked holds it; else 9999.
 
-    return changed
+    Beyond the array all is marked if it is `endless`, else nothing. Boxes that are longer than the array are cut to its
+    length and one more.
+    """
+    if marked.ndim == 3 and has_compiler():
+        from torchlinf.kernels.openings import square_sizes
+
+        longest = max(marked.shape[1:]) + 1
+        sides = tuple(side for side in SIDES if side < longest) + (longest,) * (longest <= SIDES[-1])
+        return np.stack([square_sizes(one, sides[-1] if endless else 0, sides) for one in marked])
+    inside, found = torch.from_numpy(marked), np.full(marked.shape, FAR, np.int16)
+    for side in reversed(SIDES):
+        sides = tuple(min(side, size + 1) for size in marked.shape[1:])
+        opening = ~closed(~inside, sides) if endless else opened(inside, sides)
+        found[(inside & ~opening).numpy()] = side - 1
+    return found
 
 
 def _run_lengths(marked: NDArray[np.bool_], axis: int, endless: bool) -> NDArray[np.integer]:
@@ -269,14 +275,14 @@ def _run_lengths(marked: NDArray[np.bool_], axis: int, endless: bool) -> NDArray
         >>> _run_lengths(np.array([[True, True, False, True]]), 1, False)
         array([[   2,    2, 9999,    1]], dtype=int16)
     """
-    size, longest = marked.shape[axis], 9999  # longer than all sides
-    dtype = np.int16 if size < longest else np.int32
+    size = marked.shape[axis]
+    dtype = np.int16 if size < FAR else np.int32
     place = np.arange(1, size + 1, dtype=dtype).reshape(-1, *[1] * (marked.ndim - axis - 1))
-    ends = np.array([-longest, size + longest] if endless else [0, size + 1], dtype)
+    ends = np.array([-FAR, size + FAR] if endless else [0, size + 1], dtype)
     before = np.maximum.accumulate(np.where(marked, ends[0], place), axis=axis)
     after = np.minimum.accumulate(np.flip(np.where(marked, ends[1], place), axis), axis=axis)
-    lengths = np.minimum(np.flip(after, axis) - before - dtype(1), dtype(longest))
-    return np.where(marked, lengths, dtype(longest))
+    lengths = np.minimum(np.flip(after, axis) - before - dtype(1), dtype(FAR))
+    return np.where(marked, lengths, dtype(FAR))
 
 
 def level_at_odds(threshold: float, level: float) -> float:

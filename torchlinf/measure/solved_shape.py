@@ -5,6 +5,7 @@ the levels are changed by the pixels that moved. The whole is solved where the r
 and where a flip reaches far.
 """
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil
@@ -24,7 +25,7 @@ from torchlinf.measure.levels import estimates, levels_of_each, numbers_of, refi
 from torchlinf.measure.options import Measure
 from torchlinf.measure.profile import mean_of_levels
 
-Pixels = NDArray[np.int64]  # flat indices into the mask of a shape, each once
+Pixels = NDArray[np.signedinteger]  # flat indices into the mask of a shape, each once
 Keep = Callable[["SolvedLevels"], bool]
 
 CELLS = 1 << 22  # levels times bins up to which the histograms are kept, of 4 bytes each
@@ -72,9 +73,9 @@ class SolvedShape:
     """
 
     def __init__(self, mask: NDArray[np.bool_], measure: Measure, check: Callable[[], None] = lambda: None) -> None:
-        from torchlinf.kernels import local_histograms
+        from torchlinf.kernels import local_flips, local_histograms
 
-        self.mask, self._kernels = mask.copy(), local_histograms
+        self.mask, self._flips, self._kernels = mask.copy(), local_flips, local_histograms
         self._measure, self._rho, self._check = measure, measure.scalar_rho(), check
         padded = np.zeros([size + 2 for size in mask.shape], np.bool_)
         padded[(slice(1, -1),) * mask.ndim] = True
@@ -95,20 +96,32 @@ class SolvedShape:
             RuntimeError: a field could not be solved.
         """
         decide = keep if callable(keep) else lambda _: bool(keep)
-        if self._field is not None:
-            found, kept = self._locally(self._place[pixels], decide)
-            if found is not None:
-                if kept:
-                    self.mask.reshape(-1)[pixels] ^= True
-                return found
-        after = self.mask.copy()
-        after.reshape(-1)[pixels] ^= True
-        whole = self._whole(after)
-        levels = self._of_solve(whole)
-        if decide(levels):
-            self.mask[:] = after
-            self._adopt(whole, levels)
-        return levels
+        found, stands = self._tried([pixels], hold=True)
+        if not found:
+            return self._otherwise(pixels, stands, decide)
+        if decide(found[0]):
+            self._field.change(found[0].field_error_bound)
+            self._field.keep()
+            self.levels = found[0]
+            self.mask.reshape(-1)[pixels] ^= True
+        else:
+            self._flips.put_back(self._field.field, self._histograms)
+            self._field.undo()
+        return found[0]
+
+    def after_each(self, flips: Sequence[Pixels]) -> list[SolvedLevels]:
+        """The levels after each of some flips alone; the shape stays as it is.
+
+        Raises:
+            RuntimeError: a field could not be solved.
+        """
+        found: list[SolvedLevels] = []
+        while len(found) < len(flips):
+            some, stands = self._tried(flips[len(found) :], hold=False)
+            found += some
+            if len(found) < len(flips):
+                found.append(self._otherwise(flips[len(found)], stands, lambda _: False))
+        return found
 
     def shares(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """How much each pixel adds to the sum of the values of the levels, each times its weight; like the mask.
@@ -117,11 +130,11 @@ class SolvedShape:
         """
         found = np.zeros(self.mask.shape)
         if self._field is not None and self._counted:
-            cell = self._cell[self._place]
+            cell = self._histograms.cell[self._place]
             on = np.flatnonzero(cell >= 0)
             level = cell[on] // self._measure.bins
-            size = self._sizes[level + 1]
-            found.reshape(-1)[on] = weights[level] * np.log2(size / self._tally[cell[on]]) / size
+            size = self._histograms.sizes[level + 1]
+            found.reshape(-1)[on] = weights[level] * np.log2(size / self._histograms.tally[cell[on]]) / size
         elif self._field is not None:
             number = self._numbers()[self._place]
             on = np.flatnonzero(number)
@@ -165,33 +178,80 @@ class SolvedShape:
             return
         number, size = self._numbers(), field.v.size
         on_levels = np.where(number > 0, field.v, 0)
-        self._summit = int(on_levels.argmax())
-        self._peak = float(on_levels[self._summit])
-        error = field.tol + 2 * ROUNDING * self._peak
+        summit = int(on_levels.argmax())
+        peak = float(on_levels[summit])
+        error = field.tol + 2 * ROUNDING * peak
         # (1 + e) / (1 - e) is less than 1 + 4 e up to there.
-        self._error = 4 * error if error < 0.25 else np.inf
-        self._cell, self._doubtful = np.full(size, -1, np.int32), np.zeros(size, np.uint8)
-        self._tally, self._sizes = np.zeros(radius * measure.bins, np.int32), np.zeros(radius + 1, np.int64)
-        self._touched = np.zeros(radius + 1, np.uint8)
-        self._trail, self._old = np.empty((2, (3 + 2 * len(self._faces)) * size), np.int32)
-        self._put(np.flatnonzero(number).astype(np.int32), 0)
-        self._touched[:] = 0
+        error = 4 * error if error < 0.25 else np.inf
+        around = np.concatenate([[0], self._faces]).astype(np.int64)
+        self._histograms = self._flips.Histograms(
+            self._faces, around, peak, summit, ROUNDING, measure.bins, EDGE_SLACK, error,
+            *self._kernels.empty(size, radius, measure.bins, len(self._faces)),
+        )  # fmt: skip
+        self._flips.count_all(field.distances, field.field, self._histograms, np.flatnonzero(number).astype(np.int32))
 
-    def _locally(self, places: NDArray[np.int32], keep: Keep) -> tuple[SolvedLevels | None, bool]:
-        """The levels after a flip, from the field of the shape, and whether it was kept.
+    def _tried(self, flips: Sequence[Pixels], hold: bool) -> tuple[list[SolvedLevels], Any]:
+        """The levels after the first of some flips, as far as only a part of the shape has to be solved.
 
-        None, and nothing changed, where that does not do.
+        Then the next one stands, as the change that is returned; or with `hold` the last one that was tried.
         """
-        change = self._field.apply(places, self._check)
+        if not self._counted:
+            return [], None
+        kernels, field = self._flips, self._field
+        places = self._place[flips[0] if len(flips) == 1 else np.concatenate(flips)]
+        starts = np.array([0, *itertools.accumulate(map(len, flips))])
+        values, bounds = np.empty((len(flips), len(self.levels.values))), np.empty(len(flips))
+        values[:] = self.levels.values
+        done, state = 0, field.field.state
+        while True:
+            self._check()
+            done = kernels.try_each(
+                field.distances, field.field, self._histograms, places, starts, done, hold, field.radius, field.bound,
+                values, bounds,
+            )  # fmt: skip
+            if state[kernels.FLIP] != kernels.CYCLE:
+                break
+            field.solve_cycle(bounds[done])
+        exact = np.zeros(values.shape[1])
+        found = [SolvedLevels(values[i], exact, float(bounds[i]), True) for i in range(done)]
+        if done == len(flips):
+            return found, None
+        if state[kernels.FLIP] == kernels.OTHER_RADIUS and self._rho is not None:
+            field.undo()  # with a given rho it can be solved locally, but has other levels
+            return found, None
+        counted = state[kernels.FLIP] == kernels.NOT_COUNTED
+        if counted:
+            kernels.put_back(field.field, self._histograms)
+        return found, field.change(float(bounds[done]) if counted else np.inf)
+
+    def _otherwise(self, pixels: Pixels, stands: Any, keep: Keep) -> SolvedLevels:
+        """The levels after a flip whose change of the histograms does not do."""
+        if self._field is not None:
+            change = self._field.apply(self._place[pixels], self._check) if stands is None else stands
+            found, kept = self._from(change, keep)
+            if found is not None:
+                if kept:
+                    self.mask.reshape(-1)[pixels] ^= True
+                return found
+        after = self.mask.copy()
+        after.reshape(-1)[pixels] ^= True
+        whole = self._whole(after)
+        levels = self._of_solve(whole)
+        if keep(levels):
+            self.mask[:] = after
+            self._adopt(whole, levels)
+        return levels
+
+    def _from(self, change: Any, keep: Keep) -> tuple[SolvedLevels | None, bool]:
+        """The levels after the flip that stands, from the whole field, and whether it was kept.
+
+        None where that does not do.
+        """
         found = whole = None
-        moved = kept = False
+        kept = False
         if change.solved and change.radius > 0:
-            if self._counted and change.radius == len(self.levels.values):
-                found, kept = self._moved(change.moved, change.shifted, change.bound, keep)
-                moved = kept
-            if found is None:
-                found = self._counted_anew(change.radius, change.bound)
-                kept = found is not None and keep(found)
+            found = self._counted_anew(change.radius, change.bound)
+            kept = found is not None and keep(found)
         elif change.radius == self._field.radius:
             whole = self._field.whole(self._measure.tol, self._check)
             found = self._of_solve(whole)
@@ -203,48 +263,8 @@ class SolvedShape:
         else:
             self._field.keep()
             self.levels = found
-            if not moved:
-                self._count()
+            self._count()
         return found, kept
-
-    def _moved(
-        self, moved: NDArray[np.int32], shifted: NDArray[np.int32], bound: float, keep: Keep
-    ) -> tuple[SolvedLevels | None, bool]:
-        """The levels from the histograms, of which some pixels change, and whether they were kept.
-
-        None if all change, or a pixel is in doubt.
-        """
-        highest, count = self._put(moved, 0)
-        also, count = self._put(shifted, count, self._faces)
-        found, kept = None, False
-        if self._sizes[0] == 0 and self._same_peak(max(highest, also)):
-            values = self.levels.values.copy()
-            self._kernels.update_entropies(self._tally, self._sizes, self._touched, self._measure.bins, values)
-            found = SolvedLevels(values, np.zeros(len(values)), bound, True)
-            kept = keep(found)
-        if not kept:
-            self._kernels.undo(
-                self._measure.bins, self._cell, self._doubtful, self._tally, self._sizes, self._trail, self._old, count
-            )
-        self._touched[:] = 0
-        return found, kept
-
-    def _put(self, pixels: NDArray[np.int32], count: int, faces: NDArray[np.int64] | None = None) -> tuple[float, int]:
-        """Put pixels, and those beyond their faces, into their cells; their largest field, and what the trail holds."""
-        around = np.zeros(1, np.int64) if faces is None else np.concatenate([[0], faces])
-        placed: tuple[float, int] = self._kernels.place(
-            pixels, around, self._field.v, self._field.distance, self._faces, self._peak, self._measure.bins,
-            EDGE_SLACK, self._error, self._cell, self._doubtful, self._tally, self._sizes, self._touched, self._trail,
-            self._old, count,
-        )  # fmt: skip
-        return placed
-
-    def _same_peak(self, highest: float) -> bool:
-        """Whether the largest field on the levels is what it was, up to rounding."""
-        if highest > self._peak or self._cell[self._summit] < 0 or self._field.v[self._summit] != self._peak:
-            highest = self._kernels.largest_on_levels(self._field.v, self._cell)
-            return abs(highest - self._peak) <= ROUNDING * self._peak
-        return True
 
     def _counted_anew(self, radius: int, bound: float) -> SolvedLevels | None:
         """The levels from the whole field; None if they are not sure enough."""
@@ -319,7 +339,7 @@ def _levels_after(
     flips = [np.searchsorted(index, pixels) for pixels in flips]
     if has_compiler():
         shape = SolvedShape(inner, measure, check)
-        return [shape.levels.values, *(shape.after(pixels).values for pixels in flips)]
+        return [shape.levels.values, *(levels.values for levels in shape.after_each(flips))]
 
     def mask_at(i: int) -> NDArray[np.bool_]:
         after = inner.copy()
