@@ -37,7 +37,7 @@ def directions(shape: "shapely.Geometry") -> np.ndarray:
 
 def distances(old: "shapely.Geometry", new: "shapely.Geometry") -> tuple[float, float]:
     """The largest distance of a point of either boundary from the other one."""
-    points = [shapely.points(shapely.get_coordinates(shapely.segmentize(one.boundary, 0.05))) for one in (old, new)]
+    points = [shapely.points(shapely.get_coordinates(shapely.segmentize(one.boundary, 0.2))) for one in (old, new)]
     return shapely.distance(points[0], new.boundary).max(), shapely.distance(points[1], old.boundary).max()
 
 
