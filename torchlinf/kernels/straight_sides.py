@@ -130,14 +130,20 @@ def cheapest(points, ends, lines, prices, anchor):  # type: ignore[no-untyped-de
     """
     number, count = len(points), len(ends)
     start = ends[anchor, 0]
-    first = np.searchsorted(ends[:, 0], np.arange(number + 1))
+    # Plain loops for what NumPy has: its sorting and searching take seconds to compile.
+    first = np.zeros(number + 1, np.int64)
+    for r in range(count):
+        first[ends[r, 0] + 1] += 1
+    for i in range(number):
+        first[i + 1] += first[i]
     # The runs by their last point, as seen from the start of the anchor.
     into = np.zeros(number + 2, np.int64)
     for r in range(count):
         last = (ends[r, 0] - start) % number + ends[r, 1] - ends[r, 0]
         if last <= number:
             into[last + 1] += 1
-    into = np.cumsum(into)
+    for k in range(number + 1):
+        into[k + 1] += into[k]
     by_end = np.empty(into[-1], np.int64)
     fill = into.copy()
     for step in range(number):
@@ -156,12 +162,18 @@ def cheapest(points, ends, lines, prices, anchor):  # type: ignore[no-untyped-de
     for step in range(1, number + 1):
         i = (start + step) % number
         closes = step == number
-        ending = by_end[into[step] : into[step + 1]]
-        ending = ending[np.argsort(best[ending])]  # the first that fits is the cheapest
+        # By price, so that the first that fits is the cheapest.
+        for k in range(into[step] + 1, into[step + 1]):
+            r = by_end[k]
+            while k > into[step] and best[by_end[k - 1]] > best[r]:
+                by_end[k] = by_end[k - 1]
+                k -= 1
+            by_end[k] = r
         for q in range(first[i], first[i + 1]):
             if (closes and q != anchor) or (not closes and step + ends[q, 1] - ends[q, 0] > number):
                 continue
-            for r in ending:
+            for k in range(into[step], into[step + 1]):
+                r = by_end[k]
                 if best[r] == np.inf:
                     break
                 fits, x, y = _joined(points, ends, lines, r, q)
