@@ -20,6 +20,8 @@ from torchlinf.polygons import complexity_table, simplify
 RAW, REGULARISED = "perth_predicted_raw_1296.gpkg", "perth_buildingregulariser_out.gpkg"
 RESOLUTION = 0.5  # metres; the pixels of the model have 1 m
 WEIGHTS = (3.0, 10.0, 30.0)
+NOTHING_ELSE = 1e9  # a weight at which no flip pays
+TOLERANCE = 0.85  # metres, for straight walls
 SHORT = 1.0  # metres: a side of the model's stairs
 STRAIGHT = 0.75  # metres: the stairs of a diagonal are no higher than 0.71 m
 NOTCH = 4.0  # square metres, from which on a part of the hull outside of the outline is a notch
@@ -61,14 +63,19 @@ def main() -> None:
         np.asarray(geopandas.read_file(folder / name, engine="pyogrio").geometry, dtype=object)[::every]
         for name in (RAW, REGULARISED)
     )
-    simplify(raw[:2], resolution=RESOLUTION)  # compiles
+    simplify(raw[:2], resolution=RESOLUTION, straighten=TOLERANCE)  # compiles
     found = {"raw": (rows(raw, raw), float("nan")), "buildingregulariser": (rows(raw, regularised), float("nan"))}
     straight = shapely.simplify(raw, STRAIGHT)
-    found[f"Douglas-Peucker, {STRAIGHT:g} m"] = rows(raw, straight), float("nan")
-    for given, name in ((raw, "simplify"), (straight, f"Douglas-Peucker, {STRAIGHT:g} m, and simplify")):
-        for weight in WEIGHTS:
+    for tolerance in (STRAIGHT, 1.0):
+        found[f"Douglas-Peucker, {tolerance:g} m"] = rows(raw, shapely.simplify(raw, tolerance)), float("nan")
+    for given, name, tolerance, weights in (
+        (raw, "simplify", None, WEIGHTS),
+        (straight, f"Douglas-Peucker, {STRAIGHT:g} m, and simplify", None, WEIGHTS),
+        (raw, f"simplify, straighten={TOLERANCE:g}", TOLERANCE, (*WEIGHTS, NOTHING_ELSE)),
+    ):
+        for weight in weights:
             start = time.process_time()
-            table = simplify(given, resolution=RESOLUTION, weight=weight)
+            table = simplify(given, resolution=RESOLUTION, weight=weight, straighten=tolerance)
             seconds = time.process_time() - start
             assert not any(error is not None for error in table["error"])
             found[f"{name}, weight {weight:g}"] = rows(raw, table["geometry"]), 1000 * seconds / len(raw)

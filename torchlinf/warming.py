@@ -5,6 +5,7 @@ is written in one place, and a test can ask whether anything is left to compile.
 """
 
 import time
+from importlib.util import find_spec
 
 import numpy as np
 import torch
@@ -64,6 +65,11 @@ def _call_everything() -> None:
     y, x = np.mgrid[:LARGE, :LARGE]
     complexity(torch.from_numpy((x - 100) ** 2 + (y - 90) ** 2 > 900), spatial_ndim=2)
     _solve_large_component()
+    if find_spec("shapely") is not None:
+        from torchlinf.polygons import simplify as simplify_outlines
+
+        triangle = {"type": "Polygon", "coordinates": [[(0, 0), (9, 0), (0, 7), (0, 0)]]}
+        simplify_outlines([triangle], resolution=1.0, straighten=0.5)
 
 
 def _solve_large_component() -> None:

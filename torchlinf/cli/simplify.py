@@ -87,6 +87,13 @@ def simplify(
     ] = None,
     resolution: Resolution = None,
     pixels_per_radius: PixelsPerRadius = None,
+    straighten: Annotated[
+        float | None,
+        typer.Option(
+            metavar="LENGTH",
+            help="Of outlines: make walls of the stairs of pixels, so near to the outline; 0.85 pixels do for stairs.",
+        ),
+    ] = None,
     layer: Layer = None,
     crs: Crs = None,
     repair: Repair = False,
@@ -110,7 +117,8 @@ def simplify(
     if orientation is not None:
         rule["orientation"] = None if orientation == "grid" else parse_orientation(orientation)
     drawing = {
-        "resolution": resolution, "pixels_per_radius": pixels_per_radius, "layer": layer, "crs": crs, "repair": repair,
+        "resolution": resolution, "pixels_per_radius": pixels_per_radius, "straighten": straighten, "layer": layer,
+        "crs": crs, "repair": repair,
     }  # fmt: skip
     outlines = [path for path in paths if is_geodata(path)]
     if outlines:

@@ -45,7 +45,8 @@ def simplify_geodata(
         problem = f"{out} is there already; pass --overwrite, or another"
     if problem:
         raise typer.BadParameter(problem, param_hint="--out")
-    plain = {name: drawing[name] for name in ("resolution", "pixels_per_radius", "repair")} | {"max_pixels": max_pixels}
+    names = ("resolution", "pixels_per_radius", "straighten", "repair")
+    plain = {name: drawing[name] for name in names} | {"max_pixels": max_pixels}
     try:
         simplify([], **plain, **rule)
     except (TypeError, ValueError) as error:

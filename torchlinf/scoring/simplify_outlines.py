@@ -3,7 +3,9 @@
 import json
 import os
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from geopandas import GeoDataFrame
 
 LEFT_OUT = ("index", "geometry", "measure")
+SIDECARS = {".cpg", ".prj", ".qix", ".sbn", ".sbx"}  # of a shapefile; they would go on to speak of the old one
 DRIVERS = {".gpkg": "GPKG", ".geojson": "GeoJSON", ".shp": "ESRI Shapefile"}
 
 
@@ -29,7 +32,7 @@ def simplified_outlines(
         options: keywords of `torchlinf.polygons.simplify`.
         layer: which layer, where it has several.
         crs: the system of coordinates to simplify in, or "utm"; the outlines are brought back from it.
-        advance: called after every part of the file.
+        advance: called after every part of the file; with straighten, the whole is one part.
 
     Returns:
         The attributes, the columns of `torchlinf.polygons.simplify`, and the outlines in the coordinates of the file.
@@ -45,11 +48,13 @@ def simplified_outlines(
     given = read_geodata(file, layer).reset_index(drop=True)
     flat = project(given, crs).geometry
     parts = []
-    for begin in range(0, max(len(flat), 1), PART):
-        parts.append(pd.DataFrame(simplify(flat.iloc[begin : begin + PART], **options)))
+    # Straight walls must not run into a neighbour, which may be anywhere in the file.
+    size = PART if options.get("straighten") is None else max(len(flat), 1)
+    for begin in range(0, max(len(flat), 1), size):
+        parts.append(pd.DataFrame(simplify(flat.iloc[begin : begin + size], **options)))
         advance()
     numbers = pd.concat(parts, ignore_index=True)
-    changed = numbers["flips"].to_numpy() > 0
+    changed = numbers["changed_area"].to_numpy() > 0
     shapes = np.asarray(given.geometry, dtype=object).copy()
     if changed.any():
         simpler = geopandas.GeoSeries(numbers["geometry"].to_numpy()[changed], crs=flat.crs)
@@ -63,28 +68,27 @@ def simplified_outlines(
 
 
 def write_outlines(out: Path, frame: "GeoDataFrame") -> None:
-    """Write outlines in one piece, in the format that the name asks for.
+    """Write outlines in the format that the name asks for, in one piece.
+
+    A shapefile is several files. They are written elsewhere first, and then put in place one after another, so a
+    failure to write leaves the old ones; only between two of these steps would both be mixed.
 
     Raises:
         OSError: the file cannot be written.
     """
     suffix = out.suffix.lower()
-    if suffix == ".shp":  # it is several files
-        frame.to_file(out, driver=DRIVERS[suffix], engine="pyogrio")
+    if suffix == ".parquet":
+        replace_file(out, lambda temporary: frame.to_parquet(temporary, index=False))
         return
-
-    def write(temporary: Path) -> None:
-        if suffix == ".parquet":
-            frame.to_parquet(temporary, index=False)
-            return
-        # GDAL goes by the name of the file, and makes it and a journal of its own.
-        named = temporary.with_name(temporary.name + suffix)
-        try:
-            frame.to_file(
-                named, driver=DRIVERS[suffix], engine="pyogrio", **({"layer": out.stem} if suffix == ".gpkg" else {})
-            )
-            os.replace(named, temporary)
-        finally:
-            named.unlink(missing_ok=True)
-
-    replace_file(out, write)
+    layer = {"layer": out.stem} if suffix == ".gpkg" else {}
+    target = out.resolve()  # a link stays one
+    # GDAL goes by the name of the file, and makes others beside it: a shapefile is several, a GeoPackage has a journal.
+    with TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.", suffix=".tmp") as folder:
+        frame.to_file(Path(folder) / out.name, driver=DRIVERS[suffix], engine="pyogrio", **layer)
+        # The geometry last: who finds it finds all of it.
+        written = sorted(Path(folder).iterdir(), key=lambda file: file.suffix.lower() == suffix)
+        for file in written:
+            replace_file(target.with_suffix(file.suffix), partial(os.replace, file))
+        if suffix == ".shp":
+            for ending in SIDECARS - {file.suffix for file in written}:
+                target.with_suffix(ending).unlink(missing_ok=True)
