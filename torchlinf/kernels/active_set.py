@@ -166,13 +166,16 @@ def _raise(values, length, tile, column, residual):  # type: ignore[no-untyped-d
     first = 0
     stop = min(length, COLUMNS - column)
     while first < length:
-        above = residual[0, tile]
-        below = -residual[1, tile]
-        for j in range(first, stop):
-            above = max(above, values[j])
-            below = min(below, values[j])
-        residual[0, tile] = above
-        residual[1, tile] = -below
+        a = b = c = d = residual[0, tile]  # four at a time, which do not wait for each other
+        p = q = r = s = -residual[1, tile]
+        whole = first + (stop - first) // 4 * 4
+        for j in range(first, whole, 4):
+            a, b, c, d = max(a, values[j]), max(b, values[j + 1]), max(c, values[j + 2]), max(d, values[j + 3])
+            p, q, r, s = min(p, values[j]), min(q, values[j + 1]), min(r, values[j + 2]), min(s, values[j + 3])
+        for j in range(whole, stop):
+            a, p = max(a, values[j]), min(p, values[j])
+        residual[0, tile] = max(max(a, b), max(c, d))
+        residual[1, tile] = -min(min(p, q), min(r, s))
         tile += 1
         first = stop
         stop = min(length, stop + COLUMNS)

@@ -29,6 +29,7 @@ _LOOP = 4  # added to VISITED for every dependency of a chain on itself
 # Places of `search`: chains on the stack; chains left and unsolved; the present chain; how many of those left are the
 # component that the caller has to solve.
 HEIGHT, PENDING, CHAIN, MEMBERS = range(4)
+SEARCHED = 4
 
 ROOM = 8  # numbers a row that elimination may need at a time; what needs more is left to BiCGStab
 _ITERATIONS = 1000  # rarely needed, but a component left inexact ties its pixels into still larger ones next time
@@ -50,19 +51,36 @@ def solve_cycle(
     Components that elimination has no room for are solved to `tol`, all others exactly. `owner` is 0 or less at what
     is unsolved, and 0 at what this has solved; `chains`, (ROWS, pixels), is scratch.
     """
-    search = np.zeros(4, np.int64)
+    search = np.zeros(SEARCHED, np.int64)
     unknowns = 0
     while True:
         unknowns += search_components(v, root, up, down, factors, screening, owner, chains, search)
         if search[MEMBERS] == 0:
             return unknowns
-        # A component is left over. The kernels that it needs compile when they are first needed.
-        stop = int(search[PENDING])
-        first = stop - int(search[MEMBERS])
-        rows = component_rows(v, first, stop, chains, owner, up, factors)
-        _iterate(v, tol, *rows)
-        solve_members(v, first, stop, chains, up, down, factors, screening)
-        unknowns += len(rows[0])
+        unknowns += solve_left_over(v, tol, up, down, factors, screening, owner, chains, search)
+
+
+def solve_left_over(
+    v: np.ndarray,
+    tol: float,
+    up: np.ndarray,
+    down: np.ndarray,
+    factors: np.ndarray,
+    screening: float,
+    owner: np.ndarray,
+    chains: np.ndarray,
+    search: np.ndarray,
+) -> int:
+    """Solve the component that `search_components` has left over; returns the number of its unknowns.
+
+    The kernels that it needs compile when they are first needed.
+    """
+    stop = int(search[PENDING])
+    first = stop - int(search[MEMBERS])
+    rows = component_rows(v, first, stop, chains, owner, up, factors)
+    _iterate(v, tol, *rows)
+    solve_members(v, first, stop, chains, up, down, factors, screening)
+    return len(rows[0])
 
 
 def _iterate(
@@ -148,7 +166,7 @@ def search_components(v, root, up, down, factors, screening, owner, chains, sear
             height = chain
         chain = above
         if chain < 0:
-            search[MEMBERS] = 0
+            search[:] = 0
             return unknowns
 
 
