@@ -85,7 +85,7 @@ class PolicySystem:
 
 @kernel
 def _follow_all(v, starts, ends, up, down, factors, screening, owner, path, chains, state, search):  # type: ignore[no-untyped-def]
-    """Solve chain by chain and cycle by cycle, until one is left over, as `search` says; returns the unknowns of cycles.
+    """Solve chain by chain and cycle by cycle, until one is left over, as `search` says; returns the cycles' unknowns.
 
     Cycles are many and mostly small, so that a return to Python at each would cost as much as they do.
     """

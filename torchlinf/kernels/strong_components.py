@@ -344,7 +344,8 @@ def eliminate(constant, weight, index):  # type: ignore[no-untyped-def]
     row, column = np.empty(room, np.int32), np.empty(room, np.int32)
     after, beside = np.empty(room, np.int32), np.empty(room, np.int32)
     value, x = np.empty(room), constant.copy()
-    first, dependent, mark = np.full(size, -1, np.int32), np.full(size, -1, np.int32), np.full(size, -1, np.int32)
+    first, dependent, pivot = np.full(size, -1, np.int32), np.full(size, -1, np.int32), np.full(size, -1, np.int32)
+    added, pairs = np.zeros(size, np.int64), 0  # by column, the last pair of rows in which it was in both; pairs so far
     needs, needed = np.zeros(size, np.int32), np.zeros(size, np.int32)  # numbers on the lists, the diagonal left out
     order, left, live = np.empty(size, np.int32), np.arange(size), np.ones(size, np.bool_)
     end, spare = np.int64(0), np.int64(-1)
@@ -379,6 +380,10 @@ def eliminate(constant, weight, index):  # type: ignore[no-untyped-def]
             live[j] = False
             order[done] = j
             done += 1
+            e = np.int64(first[j])
+            while e >= 0:
+                pivot[column[e]] = e
+                e = np.int64(after[e])
             d = np.int64(dependent[j])
             while d >= 0:
                 following = np.int64(beside[d])
@@ -386,20 +391,29 @@ def eliminate(constant, weight, index):  # type: ignore[no-untyped-def]
                 if live[i]:
                     share = value[d]
                     x[i] += share * x[j]
-                    _unlink(i, j, first, column, after)
+                    pairs += 1
+                    before = np.int64(-1)
+                    e = np.int64(first[i])
+                    while e >= 0:  # add where row i has a number already, and take its number in column j out
+                        behind = np.int64(after[e])
+                        y = np.int64(column[e])
+                        if e != d:
+                            before = e
+                            if pivot[y] >= 0:
+                                value[e] += share * value[pivot[y]]
+                                added[y] = pairs
+                        elif before < 0:
+                            first[i] = behind
+                        else:
+                            after[before] = behind
+                        e = behind
                     needs[i] -= 1
                     after[d] = spare
                     spare = d
-                    e = np.int64(first[i])
-                    while e >= 0:
-                        mark[column[e]] = e
-                        e = np.int64(after[e])
                     e = np.int64(first[j])
                     while e >= 0:
                         y = np.int64(column[e])
-                        if mark[y] >= 0:
-                            value[mark[y]] += share * value[e]
-                        else:
+                        if added[y] != pairs:
                             place = spare
                             if spare >= 0:
                                 spare = np.int64(after[spare])
@@ -409,16 +423,15 @@ def eliminate(constant, weight, index):  # type: ignore[no-untyped-def]
                             else:
                                 return False
                             _link(place, i, y, share * value[e], row, column, value, after, beside, first, dependent)
-                            mark[y] = place
                             if y != i:
                                 needs[i] += 1
                                 needed[y] += 1
                         e = np.int64(after[e])
-                    e = np.int64(first[i])
-                    while e >= 0:
-                        mark[column[e]] = -1
-                        e = np.int64(after[e])
                 d = following
+            e = np.int64(first[j])
+            while e >= 0:
+                pivot[column[e]] = -1
+                e = np.int64(after[e])
         if kept == count:
             allowed += max(1, allowed // 4)
         count = kept
