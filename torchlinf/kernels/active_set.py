@@ -6,6 +6,7 @@ sweep next, what is left there; only the certificate needs the residual itself, 
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from torchlinf.kernels.grid import Grid, block_offsets, row_strides
 
 COLUMNS = 32  # a tile's side along the rows: long enough for vector instructions
 ROWS = 8  # and along the other axes
+PART = 2**22  # pixels whose sweeps take long enough to look for Ctrl-C between them
 
 
 class ActiveSet:
@@ -46,12 +48,17 @@ class ActiveSet:
         count, pixels = _collect(self._chosen, self._whole, self._pieces)
         self._select(self._pieces[:, :count], pixels / self._grid.pixels)
 
-    def sweep(self, v: np.ndarray, weight: float, count: int, buffer: np.ndarray) -> float:
+    def sweep(self, v: np.ndarray, weight: float, count: int, buffer: np.ndarray, check: Callable[[], None]) -> float:
         """Sweep the selection `count` times; returns the largest residual of all tiles, here taken from the last sweep.
 
+        `check` is called between sweeps of large selections, so that it can end them by an exception.
         v <- v + w R(v): so the last move of each pixel, divided by w, stands for the residual.
         """
-        stencil.sweep(v, self.starts, self.ends, self._grid.rows, weight, None, count - 1, buffer)
+        pairs = 1 if self.share * self._grid.pixels > PART else count  # of sweeps, down and up, at a time
+        for first in range(0, count - 1, 2 * pairs):
+            check()
+            sweeps = min(2 * pairs, count - 1 - first)
+            stencil.sweep(v, self.starts, self.ends, self._grid.rows, weight, None, sweeps, buffer)
         _sweep_and_measure(v, *self._runs, self._grid.rows, weight, buffer, self._residual)
         return float(self._residual.max())
 

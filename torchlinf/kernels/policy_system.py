@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from torchlinf.kernels import stencil
 from torchlinf.kernels.chains import chain_factors, solve_chain
 from torchlinf.kernels.compiler import inlined, kernel
 from torchlinf.kernels.grid import Grid
@@ -45,6 +46,15 @@ class PolicySystem:
         if grid.pixels > _PART:
             before = np.cumsum(grid.ends - grid.starts)
             self._stops[:0] = np.searchsorted(before, np.arange(_PART, before[-1], _PART)).tolist()
+
+    def choose(self, v: np.ndarray, tie: float, buffer: np.ndarray, check: Callable[[], None]) -> None:
+        """Set the policies that v chooses, where neighbours within `tie` are equal; `check` as in `solve`."""
+        first = 0
+        for stop in self._stops:
+            check()
+            starts, ends = self.grid.starts[first:stop], self.grid.ends[first:stop]
+            stencil.choose_policies(v, starts, ends, self.grid.rows, tie, self.up, self.down, buffer)
+            first = stop
 
     def solve(self, v: np.ndarray, tol: float, check: Callable[[], None]) -> int:
         """Overwrite v with the solution for the present policies.
