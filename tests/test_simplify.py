@@ -21,6 +21,9 @@ from torchlinf.losses.simplify import simplify
 pytestmark = pytest.mark.skipif(not has_compiler(), reason="needs numba")
 
 
+WHOLE: dict[str, Any] = {"per": "mask", "keep_topology": False}
+
+
 def blobs(count: int, *sides: int, seed: int = 0, smooth: float = 1.2) -> Tensor:
     """Grey random blobs, (count, *sides) in [0, 1], with holes and several parts as they come."""
     noise = np.random.default_rng(seed).standard_normal((count, *sides))
@@ -57,7 +60,7 @@ def topology(mask: NDArray[np.bool_]) -> str:
 def test_the_objective_falls_and_the_numbers_are_those_of_the_masks(options: dict[str, Any]) -> None:
     weight = 0.002 if "estimator" in options else 0.2
     probability = blobs(3, 25, 32)[:, None]
-    found = simplify(probability, weight=weight, **options)
+    found = simplify(probability, weight=weight, **WHOLE, **options)
     inside = probability > 0.5
     before, after = (torchlinf.complexity(mask, **options) for mask in (inside, found.mask))
     torch.testing.assert_close(found.before, before, rtol=0, atol=4e-9)
@@ -109,12 +112,12 @@ def test_mirror_images_become_mirror_images(sides: tuple[int, ...]) -> None:
     probability = blobs(2, *sides, seed=3)
     symmetric = (probability + probability.flip(1)) / 2
     for p in (probability, symmetric, (symmetric > 0.5)):
-        keep = len(sides) < 3 and not p.is_floating_point()
-        found = simplify(p, weight=1.0, keep_topology=keep, spatial_ndim=len(sides))
+        how: dict[str, Any] = WHOLE | {"keep_topology": len(sides) < 3 and not p.is_floating_point()}
+        found = simplify(p, weight=1.0, **how, spatial_ndim=len(sides))
         for dims in itertools.chain.from_iterable(
             itertools.combinations(range(1, p.ndim), r) for r in range(1, p.ndim)
         ):
-            mirrored = simplify(p.flip(dims), weight=1.0, keep_topology=keep, spatial_ndim=len(sides))
+            mirrored = simplify(p.flip(dims), weight=1.0, **how, spatial_ndim=len(sides))
             assert torch.equal(mirrored.mask.flip(dims), found.mask)
             assert torch.equal(mirrored.flip_number.flip(dims), found.flip_number)
             assert torch.equal(mirrored.after, found.after)
@@ -123,9 +126,9 @@ def test_mirror_images_become_mirror_images(sides: tuple[int, ...]) -> None:
 def test_what_else_is_in_the_batch_does_not_matter() -> None:
     probability = blobs(4, 21, 26, seed=5)
     probability[2] = 0.0
-    together = simplify(probability, weight=2.0, spatial_ndim=2)
+    together = simplify(probability, weight=2.0, **WHOLE, spatial_ndim=2)
     for n in range(4):
-        alone = simplify(probability[n], weight=2.0, spatial_ndim=2)
+        alone = simplify(probability[n], weight=2.0, **WHOLE, spatial_ndim=2)
         assert torch.equal(alone.mask, together.mask[n])
         assert torch.equal(alone.cost, together.cost[n])
     assert together.before.isnan().tolist() == together.after.isnan().tolist() == [False, False, True, False]
@@ -139,13 +142,13 @@ def test_a_box_and_limits_are_left_alone() -> None:
     assert torch.equal(simplify(box, spatial_ndim=2).mask, box)
     probability = blobs(1, 30, 34, seed=7)[0]
     area = int((probability > 0.5).sum())
-    free = simplify(probability, weight=0.5, spatial_ndim=2)
+    free = simplify(probability, weight=0.5, **WHOLE, spatial_ndim=2)
     changed = int((free.mask != (probability > 0.5)).sum())
     assert int(free.num_flips) > 2
     assert changed > 0.1 * area
-    few = simplify(probability, weight=0.5, max_flips=2, spatial_ndim=2)
+    few = simplify(probability, weight=0.5, max_flips=2, **WHOLE, spatial_ndim=2)
     assert int(few.num_flips) == 2
-    little = simplify(probability, weight=0.5, max_change=0.05, spatial_ndim=2)
+    little = simplify(probability, weight=0.5, max_change=0.05, **WHOLE, spatial_ndim=2)
     assert 0 < int((little.mask != (probability > 0.5)).sum()) <= 0.05 * area
 
 
@@ -226,10 +229,30 @@ def test_hundreds_of_objects_stay_apart() -> None:
         assert len(set(labels[after == number]) - {0}) <= 1
 
 
+@pytest.mark.parametrize("per", ["mask", "object"])
+def test_nothing_is_gained_where_it_is_not_allowed(per: Any) -> None:
+    generator = torch.Generator().manual_seed(2)
+    probability = blobs(3, 22, 27, seed=12, smooth=1.5)[:, None]
+    allowed = torch.rand(probability.shape, generator=generator) > 0.2
+    how: dict[str, Any] = {"weight": 0.2, "tries": 8, "per": per, "keep_topology": False}
+    inside = probability > 0.5
+    free, bound = simplify(probability, **how), simplify(probability, allowed=allowed, **how)
+    assert bool((free.mask & ~inside & ~allowed).any())
+    assert not (bound.mask & ~inside & ~allowed).any()
+    assert bool((bound.mask & ~inside).any())
+    assert bool((bound.after < bound.before).all())
+    same = simplify(probability, allowed=torch.ones_like(allowed), **how)
+    assert torch.equal(same.flip_number, free.flip_number)
+
+
 def test_arguments_are_checked() -> None:
     mask = torch.ones(6, 7, dtype=torch.bool)
     with pytest.raises(ValueError, match="keep_topology"):
-        simplify(torch.ones(4, 5, 6, dtype=torch.bool), keep_topology=True, spatial_ndim=3)
+        simplify(torch.ones(4, 5, 6, dtype=torch.bool), spatial_ndim=3)
+    with pytest.raises(ValueError, match="allowed must have the prediction's shape"):
+        simplify(mask, allowed=torch.ones(7, 6, dtype=torch.bool), spatial_ndim=2)
+    with pytest.raises(TypeError, match="allowed must be a bool tensor"):
+        simplify(mask, allowed=torch.ones(6, 7), spatial_ndim=2)
     with pytest.raises(ValueError, match="probabilities"):
         simplify(mask * 3.0, spatial_ndim=2)
     with pytest.raises(ValueError, match="probabilities"):

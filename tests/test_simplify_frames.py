@@ -33,7 +33,7 @@ def slanted(degrees: float, kind: str, height: float = 30, width: float = 50) ->
 @pytest.mark.parametrize("kind", ["notch", "appendage"])
 def test_a_slanted_rectangle_becomes_clean_and_nothing_else_changes(kind: str, degrees: float) -> None:
     shape, different, clean = slanted(degrees, kind)
-    found = torchlinf.simplify(shape, weight=1.0, tries=8, orientation="own", spatial_ndim=2)
+    found = torchlinf.simplify(shape, weight=1.0, tries=8, orientation="own", keep_topology=False, spatial_ndim=2)
     assert float(found.before) > 0.15
     assert float(found.after) == 0
     assert torch.equal(found.mask, clean)
@@ -108,7 +108,7 @@ def test_volumes_are_turned_by_a_matrix() -> None:
     clean = (abs(z) < 6) & (abs(y) < 8) & (abs(x) < 10)
     dented = clean & ~((x > 7) & (abs(y) < 3) & (abs(z) < 3))
     masks = [torch.from_numpy(m.reshape(22, 30, 32)) for m in (dented, clean)]
-    found = torchlinf.simplify(masks[0], weight=1.0, tries=8, orientation=rotation, spatial_ndim=3)
+    found = torchlinf.simplify(masks[0], weight=1.0, tries=8, orientation=rotation, keep_topology=False, spatial_ndim=3)
     assert int((found.mask ^ masks[1]).sum()) < 0.5 * int((masks[0] ^ masks[1]).sum())
     assert float(found.after) < float(found.before)
 
@@ -117,4 +117,6 @@ def test_one_frame_a_shape_is_needed() -> None:
     with pytest.raises(ValueError, match="orientation must name one frame"):
         torchlinf.simplify(torch.ones(5, 6, dtype=torch.bool), orientation="mean", spatial_ndim=2)
     with pytest.raises(ValueError, match="matrix"):
-        torchlinf.simplify(torch.ones(4, 5, 6, dtype=torch.bool), orientation="own", spatial_ndim=3)
+        torchlinf.simplify(
+            torch.ones(4, 5, 6, dtype=torch.bool), orientation="own", keep_topology=False, spatial_ndim=3
+        )

@@ -112,7 +112,7 @@ def simplified(tries: int) -> tuple[float, float]:
     """`simplify` to its end: processor seconds a shape, and the mean of what it lowers, complexity and price."""
     probability, weight = doubtful(), 10.0
     began = time.process_time()
-    found = torchlinf.simplify(probability, weight=weight, tries=tries, spatial_ndim=2)
+    found = torchlinf.simplify(probability, weight=weight, tries=tries, per="mask", keep_topology=False, spatial_ndim=2)
     seconds = (time.process_time() - began) / len(probability)
     area = (probability > 0.5).flatten(1).sum(dim=1)
     return seconds, float((found.after + weight * found.cost / area).mean())

@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from typing import Annotated, Any
 
@@ -109,15 +109,15 @@ PARTS = ("orientation", "rotations", "per", "connectivity", "min_pixels", "pool"
 
 
 def takes_measure(
-    windows: Mapping[str, tuple[float, float]] | None, *, parts: bool = True
+    windows: Mapping[str, tuple[float, float]] | None, *, without: Sequence[str] = ()
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the options of the measure; it gets a checked `Measure` as its keyword `measure`.
 
     Args:
         windows: those that the command has without `--window`, `--low` and `--high`; None for one over all scales.
-        parts: whether it takes the options of orientation and objects.
+        without: options that it does not take, of `OPTIONS`.
     """
-    kinds = {name: kind for name, kind in OPTIONS.items() if parts or name not in PARTS}
+    kinds = {name: kind for name, kind in OPTIONS.items() if name not in without}
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @wraps(command)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torchlinf.cli.inputs import find_sources, reading_options
-from torchlinf.cli.measure_options import takes_measure
+from torchlinf.cli.measure_options import PARTS, takes_measure
 from torchlinf.cli.options import Ignore, Invert, Label, MaxPixels, Nonzero, Paths, Threshold, Volume
 from torchlinf.cli.outputs import STATUS, endings, fail, say
 from torchlinf.cli.pictures import check_picture, pictures, save_picture, title
@@ -23,7 +23,7 @@ MAX_DRAWN = 12
 EPILOG = f"{RULE}\n\n{STATUS}"
 
 
-@takes_measure({"complexity": (0.0, 1.0)}, parts=False)
+@takes_measure({"complexity": (0.0, 1.0)}, without=PARTS)
 def profile(
     paths: Paths,
     *,

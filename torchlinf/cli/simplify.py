@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from torchlinf.cli.inputs import by_source, find_sources, reading_options
-from torchlinf.cli.measure_options import parse_orientation, takes_measure
+from torchlinf.cli.measure_options import PARTS, parse_orientation, takes_measure
 from torchlinf.cli.options import Ignore, Invert, Label, Labels, MaxPixels, Overwrite, Paths, Workers
 from torchlinf.cli.outputs import STATUS, end_if_failed, endings, say
 from torchlinf.cli.progress import cores, progress
@@ -28,7 +28,7 @@ the pixels that are lost become 0, and only pixels of 0 are gained.
 {STATUS}"""
 
 
-@takes_measure(None, parts=False)
+@takes_measure(None, without=(*PARTS, "windows"))
 def simplify(
     paths: Paths,
     *,
@@ -37,8 +37,14 @@ def simplify(
         typer.Option("--out", "-o", metavar="FOLDER", help="Write the masks here; of outlines the file to write."),
     ],
     weight: Annotated[
-        float, typer.Option("--weight", metavar="W", help="Price of log-odds (pixels) a share of the area, in bits.")
-    ] = 10.0,
+        float | None,
+        typer.Option(
+            "--weight",
+            metavar="W",
+            show_default="30; 10 for outlines",
+            help="Price of log-odds (pixels) a share of the area, in bits.",
+        ),
+    ] = None,
     max_flips: Annotated[int, typer.Option(min=1, metavar="N", help="Flips that a shape may have.")] = 256,
     tries: Annotated[
         int, typer.Option(min=1, metavar="N", help="Regions tried in vain, one after another, for an end.")
@@ -47,16 +53,17 @@ def simplify(
         float, typer.Option(metavar="SHARE", help="Share of the area of a shape that may be changed.")
     ] = 0.5,
     keep_topology: Annotated[
-        bool | None,
-        typer.Option(
-            "--keep-topology/--any-topology",
-            show_default="kept for outlines alone",
-            help="Keep all components and holes, and make no others.",
-        ),
-    ] = None,
+        bool,
+        typer.Option("--keep-topology/--any-topology", help="Keep all components and holes, and make no others."),
+    ] = True,
     per: Annotated[
         str | None,
-        typer.Option("--per", metavar="mask|object", show_default="mask", help="Simplify each component alone."),
+        typer.Option(
+            "--per",
+            metavar="object|mask",
+            show_default="object",
+            help="Simplify each component alone, or all together.",
+        ),
     ] = None,
     threshold: Annotated[
         float | None,
@@ -98,10 +105,8 @@ def simplify(
     """
     from torchlinf.scoring import is_geodata
 
-    if measure.windows is not None:
-        raise typer.BadParameter("one window of scales must be given, by --low and --high", param_hint="--window")
     rule: dict[str, Any] = measure.options()
-    rule |= {"weight": weight, "max_flips": max_flips, "tries": tries, "max_change": max_change}
+    rule |= {"max_flips": max_flips, "tries": tries, "max_change": max_change, "keep_topology": keep_topology}
     if orientation is not None:
         rule["orientation"] = None if orientation == "grid" else parse_orientation(orientation)
     drawing = {
@@ -114,15 +119,15 @@ def simplify(
             "probability": probability, "per": per,
         }  # fmt: skip
         _refuse(of_masks, "is not for outlines")
+        rule["weight"] = 10.0 if weight is None else weight
         if len(paths) > 1:
             raise typer.BadParameter(f"one file of outlines must be given; got {len(paths)} paths")
-        rule["keep_topology"] = keep_topology is not False
         simplify_geodata(
             paths[0], out, rule, drawing, overwrite=overwrite, max_pixels=max_pixels, workers=workers or cores()
         )
         return
     _refuse(drawing, "is for files of outlines; got masks")
-    rule |= {"keep_topology": bool(keep_topology), "per": per or "mask"}
+    rule |= {"weight": 30.0 if weight is None else weight, "per": per or "object"}
     from torchlinf.scoring import Reading, Simplifying, open_simplified, simplify_groups
 
     with reading_options():

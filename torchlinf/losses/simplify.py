@@ -64,13 +64,14 @@ class Simplification:
 def simplify(
     prediction: Tensor,
     *,
-    weight: float = 10.0,
+    weight: float = 30.0,
     threshold: float = 0.5,
     max_flips: int = 256,
     tries: int = 16,
     max_change: float = 0.5,
-    keep_topology: bool = False,
-    per: Literal["mask", "object"] = "mask",
+    keep_topology: bool = True,
+    per: Literal["mask", "object"] = "object",
+    allowed: Tensor | None = None,
     spatial_ndim: int | None = None,
     **options: Unpack[SimplifyOptions],
 ) -> Simplification:
@@ -99,9 +100,11 @@ def simplify(
             half of it.
         keep_topology: if True, only flips that consist of simple flips of pixels are made: components (joined through
             faces and corners), holes (joined through faces) and how they lie in each other stay the same. In 1-D and
-            2-D only.
-        per: "mask", or "object": each component (joined through faces and corners) is simplified alone, by its own
-            complexity, and never touches another one; it grows by at most 16 pixels.
+            2-D only: pass False for volumes.
+        per: "object": each component (joined through faces and corners) is simplified alone, by its own complexity,
+            and never touches another one; it grows by at most 16 pixels. Or "mask", all together.
+        allowed: bool, like the prediction: the pixels that shapes may gain, all by default. For example those that no
+            other label has. A shape may always lose pixels.
         spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
         {measure options}
             Here rho must be None or one number, not a tensor; and orientation not "mean", since each shape (object) is
@@ -147,6 +150,7 @@ def simplify(
     )
     choice(per, SCOPES, "per")
     probability, price, batch_shape = _prices(prediction, rule.threshold, spatial_ndim)
+    free = _allowed(allowed, prediction).reshape(probability.shape)
     if rule.keep_topology and probability.ndim > 3:
         raise ValueError(
             f"keep_topology=True needs 1 or 2 spatial dimensions; got {probability.ndim - 1}. Pass keep_topology=False."
@@ -156,9 +160,9 @@ def simplify(
         raise ImportError("simplify solves flips with numba, which is not installed. Run: pip install numba")
     inside = (probability > rule.threshold).numpy()
     jobs = [
-        _Job(n, box, mine, allowed)
+        _Job(n, box, mine, zone & free[n][box])
         for n, mask in enumerate(inside)
-        for box, mine, allowed in (_objects(mask) if per == "object" else _whole(mask))
+        for box, mine, zone in (_objects(mask) if per == "object" else _whole(mask))
     ]
     results: list[Simplified] = [None] * len(jobs)  # type: ignore[list-item]
 
@@ -231,6 +235,21 @@ def _prices(
         probability = mask.double()
         price = torch.ones_like(probability)
     return probability, (price * STEPS).round().long().numpy(), batch_shape
+
+
+def _allowed(allowed: Tensor | None, prediction: Tensor) -> NDArray[np.bool_]:
+    """The pixels that may be gained, on the host."""
+    if allowed is None:
+        return np.ones(prediction.shape, np.bool_)
+    if not isinstance(allowed, Tensor) or allowed.dtype != torch.bool:
+        given = allowed.dtype if isinstance(allowed, Tensor) else type(allowed).__name__
+        raise TypeError(f"allowed must be a bool tensor; got {given}. Pass labels == 0, for example.")
+    if allowed.shape != prediction.shape:
+        raise ValueError(
+            f"allowed must have the prediction's shape {tuple(prediction.shape)}; got {tuple(allowed.shape)}."
+        )
+    (allowed,) = to_host(allowed)
+    return allowed.numpy()
 
 
 def _whole(mask: NDArray[np.bool_]) -> list[tuple[tuple[slice, ...], NDArray[np.bool_], NDArray[np.bool_]]]:

@@ -121,7 +121,7 @@ def simplify(
     raising = choice(errors, ERRORS, "errors") == "raise"
     rule = {
         "weight": weight, "max_flips": max_flips, "tries": tries, "max_change": max_change,
-        "keep_topology": keep_topology, **measure.plain().options(),
+        "keep_topology": keep_topology, "per": "mask", **measure.plain().options(),
     }  # fmt: skip
     simplify_masks(torch.zeros(1, 1, dtype=torch.bool), spatial_ndim=2, **rule)  # checks the options before the work
     found = read_geometries(geometries, flag(repair, "repair"))

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from torchlinf import __version__
 from torchlinf.losses import simplify
-from torchlinf.measure import Measure, complexity
 from torchlinf.scoring.cells import number_value, text_value
 from torchlinf.scoring.last_read import read_once
 from torchlinf.scoring.mask_rules import Found, Reading, read_all
@@ -224,10 +223,7 @@ def _of_masks(found: Sequence[Found], pixels: NDArray[Any], values: Values, opti
         before[tuple(slice(a, a + size) for a, size in zip(one.origin or (0, 0), one.inside.shape, strict=True))] = (
             one.inside
         )
-        row, wanted = _simplified(torch.from_numpy(before), options.rule)
-        after = wanted & (before | free)
-        if bool((after != wanted).any()):  # another label has some of what it would gain
-            row, after = _less_gained(row, before, after, options)
+        row, after = _simplified(torch.from_numpy(before), options.rule, torch.from_numpy(free))
         inside = _commonest(pixels, before)
         pixels[before & ~after] = outside
         pixels[after & ~before] = inside
@@ -236,19 +232,10 @@ def _of_masks(found: Sequence[Found], pixels: NDArray[Any], values: Values, opti
     return rows
 
 
-def _less_gained(
-    row: Simplified, before: NDArray[np.bool_], after: NDArray[np.bool_], options: Simplifying
+def _simplified(
+    prediction: torch.Tensor, rule: Mapping[str, Any], allowed: torch.Tensor | None = None
 ) -> tuple[Simplified, NDArray[np.bool_]]:
-    """What is left of a simpler mask that could not gain all it wanted, if that still pays and the topology is free."""
-    changed, value = int((before ^ after).sum()), _complexity(after, options)
-    pays = row.before is not None and value + options.rule["weight"] * changed / before.sum() < row.before
-    if options.rule["keep_topology"] or not pays:
-        return replace(row, after=row.before, flips=0, changed=0, cost=0.0), before
-    return replace(row, after=value, changed=changed, cost=float(changed)), after
-
-
-def _simplified(prediction: torch.Tensor, rule: Mapping[str, Any]) -> tuple[Simplified, NDArray[np.bool_]]:
-    found = simplify(prediction, spatial_ndim=2, **rule)
+    found = simplify(prediction, allowed=allowed, spatial_ndim=2, **rule)
     before = (prediction if prediction.dtype == torch.bool else prediction > rule["threshold"]).numpy()
     after = found.mask.numpy()
     row = Simplified(
@@ -260,11 +247,6 @@ def _simplified(prediction: torch.Tensor, rule: Mapping[str, Any]) -> tuple[Simp
         cost=float(found.cost),
     )
     return row, after
-
-
-def _complexity(mask: NDArray[np.bool_], options: Simplifying) -> float:
-    measure = {one.name: options.rule[one.name] for one in fields(Measure) if one.name in options.rule}
-    return float(complexity(torch.from_numpy(mask), spatial_ndim=2, **measure))
 
 
 def _commonest(pixels: NDArray[Any], where: NDArray[np.bool_]) -> NDArray[Any]:

@@ -54,6 +54,8 @@ def _runs(mask: NDArray[np.bool_]) -> list[object]:
     return [shapely.box(b, row, e, row + 1) for (row, b), (_, e) in zip(begins, ends, strict=True)]
 
 
-def simplified(logits: Tensor, weight: float, **options: object) -> Tensor:
+def simplified(logits: Tensor, weight: float, *, keep_topology: bool = False, orientation: str | None = None) -> Tensor:
     """`torchlinf.simplify`, each object alone."""
-    return torchlinf.simplify(torch.sigmoid(logits), weight=weight, per="object", **options).mask  # type: ignore[arg-type]
+    return torchlinf.simplify(
+        torch.sigmoid(logits), weight=weight, keep_topology=keep_topology, orientation=orientation
+    ).mask
