@@ -21,7 +21,7 @@ MOST_FOR_LU = 500_000  # pixels
 
 @dataclass(frozen=True)
 class Curve:
-    """Seconds of processor time against pixels; the exponent is the slope of the straight line through their logarithms."""
+    """Seconds of processor time against pixels; the exponent is the slope of the line through their logarithms."""
 
     label: str
     pixels: list[int]
