@@ -101,7 +101,9 @@ def _follow_all(v, starts, ends, up, down, factors, screening, owner, path, chai
     """
     unknowns = 0
     while search[MEMBERS] > 0 or follow_chains(v, starts, ends, up, down, factors, screening, owner, path, state):
-        unknowns += search_components(v, path[state[_HEIGHT] - 1], up, down, factors, screening, owner, chains, search)
+        unknowns += search_components(
+            v, np.int64(path[state[_HEIGHT] - 1]), up, down, factors, screening, owner, chains, search
+        )
         if search[MEMBERS] > 0:
             break
     return unknowns
