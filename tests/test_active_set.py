@@ -72,7 +72,7 @@ def test_sweeps_of_the_selection_measure_what_the_last_one_moved(ndim: int) -> N
         swept(mask, expected, active, weight, backward=number % 2 == 1)
     moved = np.abs(expected - before).max() / weight
     still = r[mask & ~active]
-    given = found.sweep(v.reshape(-1), weight, 3, np.empty((4, geometry.shape[-1])))
+    given = found.sweep(v.reshape(-1), weight, 3, np.empty((4, geometry.shape[-1])), lambda: None)
     np.testing.assert_allclose(v, expected, rtol=1e-14)
     assert given == pytest.approx(max(moved, still.max(initial=0)), rel=1e-10)
     found.select(0.5 * given)  # by what has moved, and elsewhere by the residual of before

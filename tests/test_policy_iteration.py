@@ -90,6 +90,45 @@ def test_work_stays_below_two_sweeps_per_pixel_of_radius() -> None:
     assert solution.num_solves <= 8
 
 
+def test_what_counts_as_equal_does_not_stall_the_solve(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On large shapes what counts as equal is above the tolerance; here a small shape gets such a limit."""
+    noise = np.random.default_rng(4).normal(size=(150, 190))
+    mask = torch.from_numpy(ndimage.gaussian_filter(noise, 6) > -0.01)
+    exact = solve_field(mask, method="compiled", spatial_ndim=2)
+    monkeypatch.setattr(policy_iteration, "TIE", 1e-3)
+    found = solve_field(mask, method="compiled", spatial_ndim=2)
+    assert found.num_sweeps <= 2 * exact.num_sweeps
+    assert found.error_bound <= 1e-9
+    torch.testing.assert_close(found.value, exact.value, rtol=2e-9, atol=0)
+
+
+def test_policies_chosen_in_parts_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    mask = grid.pad(random_masks(2, 1, seed=9)[0].numpy())
+    geometry = grid.make_grid(mask)
+    v = np.where(mask, np.random.default_rng(9).integers(1, 9, mask.shape), 0.0).reshape(-1)
+    chosen, looks = [], []
+    for part in (policy_system._PART, 50):
+        monkeypatch.setattr(policy_system, "_PART", part)
+        system = policy_system.PolicySystem(geometry, 0.01)
+        looks.append(0)
+
+        def look() -> None:
+            looks[-1] += 1
+
+        system.choose(v, 0.5, np.empty((4, mask.shape[1])), look)
+        chosen.append((system.up, system.down))
+    assert looks[0] == 1
+    assert looks[1] > 2
+    for one, other in zip(*chosen, strict=True):
+        assert np.array_equal(one, other)
+    block = np.array([dy * mask.shape[1] + dx for dy in (-1, 0, 1) for dx in (-1, 0, 1)])
+    for x in np.flatnonzero(mask):  # the rule by its words: the pixel itself, or else the smallest index
+        values = v[x + block]
+        most, least = x + block[values >= values.max() - 0.5], x + block[values <= values.min() + 0.5]
+        assert chosen[0][0][x] == (x if x in most else most.min())
+        assert chosen[0][1][x] == (x if x in least else least.min())
+
+
 @pytest.mark.parametrize("ndim", [1, 2, 3, 4])
 def test_distance_kernel_equals_scipy(ndim: int) -> None:
     for mask in random_masks(ndim, 60, seed=20 + ndim).numpy():

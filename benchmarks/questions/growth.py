@@ -8,7 +8,7 @@ import numpy as np
 from torch import Tensor
 
 from benchmarks import shapes
-from benchmarks.questions.common import Policy, Solve, threads
+from benchmarks.questions.common import Policy, Solve, median, threads
 from benchmarks.results import Cell, Result, Table, Target
 from benchmarks.shapes import Named
 from benchmarks.sizes import Size
@@ -21,7 +21,7 @@ MOST_FOR_LU = 500_000  # pixels
 
 @dataclass(frozen=True)
 class Curve:
-    """Seconds against pixels; the exponent is the slope of the straight line through their logarithms."""
+    """Seconds of processor time against pixels; the exponent is the slope of the line through their logarithms."""
 
     label: str
     pixels: list[int]
@@ -34,13 +34,14 @@ def run(size: Size) -> Result:
     chosen = shapes.silhouettes(4, size.silhouette_side)[1::2]
     curves, tables, exponents, raw = [], [], [], {}
     with threads(1):
+        Solve(chosen[0].mask)()  # compiles what no earlier question has
         for shape in chosen:
             for kind, enlarge in KINDS.items():
                 label = f"{shape.name}, {kind}"
                 ours = _affordable(shape.mask, enlarge, size)
                 times = alternate(ours, rounds=size.rounds, budget=size.patience)
                 pixels = [int(contender.mask.sum()) for contender in ours.values()]
-                seconds = [entry.median for entry in times.values()]
+                seconds = [median(entry.cpu) for entry in times.values()]
                 exponent = float(np.polyfit(np.log(pixels), np.log(seconds), 1)[0])
                 tables.append(_table(f"{label}: time grows like pixels to the {exponent:.2f}", ours, seconds, size))
                 curves.append(Curve(label, pixels, seconds, exponent))
@@ -50,7 +51,7 @@ def run(size: Size) -> Result:
     return Result(
         name="growth",
         title="Growth of the time with the size of one silhouette",
-        targets=[Target("growth of time with pixels, exponent", "<=", 1.3, 1.05, max(exponents), note="worst curve")],
+        targets=[Target("growth of time with pixels, exponent", "<=", 1.2, 1.05, max(exponents), note="worst curve")],
         tables=tables,
         series={"curves": [vars(curve) for curve in curves]},
         raw=raw,
@@ -62,9 +63,9 @@ def _affordable(mask: Tensor, enlarge: Callable[[Tensor, int], Tensor], size: Si
     ours: dict[str, Solve] = {}
     for factor in size.factors:
         ours[f"{factor}x"] = contender = Solve(enlarge(mask, factor))
-        began = time.perf_counter()
+        began = time.process_time()
         contender()
-        if time.perf_counter() - began > size.patience:
+        if time.process_time() - began > size.patience:
             break
     return ours
 
@@ -76,7 +77,7 @@ def _lu_curve(shape: Named, size: Size) -> Curve:
         mask = shapes.smooth(shape.mask, factor)
         if int(mask.sum()) <= MOST_FOR_LU:
             policy = Policy(mask, size.patience, sweeping=True)
-            seconds.append(alternate({"policy": policy}, rounds=1)["policy"].median)
+            seconds.append(alternate({"policy": policy}, rounds=1)["policy"].cpu[0])
             pixels.append(int(mask.sum()))
     return Curve(f"(b'), {shape.name}, smooth", pixels, seconds)
 

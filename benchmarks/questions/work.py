@@ -47,7 +47,7 @@ def run(size: Size) -> Result:
         title="Work of a solve in full sweeps",
         targets=[
             Target("work in equivalent sweeps, divided by D", "<=", 4, None, by_radius, " D"),
-            Target("work in equivalent sweeps, whatever D", "<=", None, 40, total, " sweeps"),
+            Target("work in equivalent sweeps, whatever D", "<=", 250, 40, total, " sweeps"),
         ],
         tables=[_table(f"Silhouettes ({shapes.origin()})", real), _table("Shapes of the method page", others)],
         series={

@@ -30,8 +30,9 @@ AT_REST = 1e-3  # share of the largest residual below which a tile rests
 WORK = 10  # sweeps of the whole shape whose cost is always spent between two solves: a solve costs several times that
 PATIENCE = 3  # solves without half the residual after which progress counts as stalled
 COARSEST = 24  # radius up to which no coarser grid is worth its while
-COARSE_TOL = 0.01  # residual beyond which a coarse field would be no better a start
+COARSE_TOL = 0.1  # residual beyond which a coarse field would be no better a start
 TIE = 1e-11  # share of max f within which neighbours are equal: rounding, not geometry
+EQUAL = 8.0  # what divides the residual where that is a smaller limit
 NOISE = 1e-7  # share of the residual down to which linear solves go, and within which neighbours are equal meanwhile
 
 
@@ -225,8 +226,10 @@ class PolicyIteration:
 
     def solve_policies(self, system: PolicySystem) -> None:
         """One linear solve of the policies that v chooses."""
-        tie = max(TIE * float(self.shape.profile[-1]), NOISE * self.residual)
-        stencil.choose_policies(*self.stencil, tie, system.up, system.down, self.buffer)
+        # not what is left to correct: such a difference is geometry, and stays wrong for as long as it counts as equal
+        tie = min(TIE * float(self.shape.profile[-1]), max(self.residual / EQUAL, self.finest))
+        tie = max(tie, NOISE * self.residual)
+        system.choose(self.v, tie, self.buffer, self.check)
         system.solve(self.v, max(NOISE * self.residual, 1e-13 * float(self.shape.profile[-1])), self.check)
         self.num_solves += 1
 
@@ -242,7 +245,7 @@ class PolicyIteration:
             active_set.select(AT_REST * self.residual)
             burst = min(BURST, int((self.limit - self.num_sweeps - 2) / active_set.share))
             self.check()
-            self.residual = active_set.sweep(self.v, weight, burst, self.buffer)
+            self.residual = active_set.sweep(self.v, weight, burst, self.buffer, self.check)
             done += burst
             self.num_sweeps += burst * active_set.share
             if self.residual <= self.tol and self.certify():

@@ -6,6 +6,7 @@ sweep next, what is left there; only the certificate needs the residual itself, 
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from torchlinf.kernels.grid import Grid, block_offsets, row_strides
 
 COLUMNS = 32  # a tile's side along the rows: long enough for vector instructions
 ROWS = 8  # and along the other axes
+PART = 2**22  # pixels whose sweeps take long enough to look for Ctrl-C between them
 
 
 class ActiveSet:
@@ -46,12 +48,17 @@ class ActiveSet:
         count, pixels = _collect(self._chosen, self._whole, self._pieces)
         self._select(self._pieces[:, :count], pixels / self._grid.pixels)
 
-    def sweep(self, v: np.ndarray, weight: float, count: int, buffer: np.ndarray) -> float:
+    def sweep(self, v: np.ndarray, weight: float, count: int, buffer: np.ndarray, check: Callable[[], None]) -> float:
         """Sweep the selection `count` times; returns the largest residual of all tiles, here taken from the last sweep.
 
+        `check` is called between sweeps of large selections, so that it can end them by an exception.
         v <- v + w R(v): so the last move of each pixel, divided by w, stands for the residual.
         """
-        stencil.sweep(v, self.starts, self.ends, self._grid.rows, weight, None, count - 1, buffer)
+        pairs = 1 if self.share * self._grid.pixels > PART else count  # of sweeps, down and up, at a time
+        for first in range(0, count - 1, 2 * pairs):
+            check()
+            sweeps = min(2 * pairs, count - 1 - first)
+            stencil.sweep(v, self.starts, self.ends, self._grid.rows, weight, None, sweeps, buffer)
         _sweep_and_measure(v, *self._runs, self._grid.rows, weight, buffer, self._residual)
         return float(self._residual.max())
 
@@ -166,13 +173,16 @@ def _raise(values, length, tile, column, residual):  # type: ignore[no-untyped-d
     first = 0
     stop = min(length, COLUMNS - column)
     while first < length:
-        above = residual[0, tile]
-        below = -residual[1, tile]
-        for j in range(first, stop):
-            above = max(above, values[j])
-            below = min(below, values[j])
-        residual[0, tile] = above
-        residual[1, tile] = -below
+        a = b = c = d = residual[0, tile]  # four at a time, which do not wait for each other
+        p = q = r = s = -residual[1, tile]
+        whole = first + (stop - first) // 4 * 4
+        for j in range(first, whole, 4):
+            a, b, c, d = max(a, values[j]), max(b, values[j + 1]), max(c, values[j + 2]), max(d, values[j + 3])
+            p, q, r, s = min(p, values[j]), min(q, values[j + 1]), min(r, values[j + 2]), min(s, values[j + 3])
+        for j in range(whole, stop):
+            a, p = max(a, values[j]), min(p, values[j])
+        residual[0, tile] = max(max(a, b), max(c, d))
+        residual[1, tile] = -min(min(p, q), min(r, s))
         tile += 1
         first = stop
         stop = min(length, stop + COLUMNS)

@@ -14,10 +14,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from torchlinf.kernels import stencil
 from torchlinf.kernels.chains import chain_factors, solve_chain
 from torchlinf.kernels.compiler import inlined, kernel
 from torchlinf.kernels.grid import Grid
-from torchlinf.kernels.strong_components import ROWS, solve_cycle
+from torchlinf.kernels.strong_components import MEMBERS, ROWS, SEARCHED, search_components, solve_cycle, solve_left_over
 
 _SOLVED = -1
 _ON_PATH = -1
@@ -46,6 +47,15 @@ class PolicySystem:
             before = np.cumsum(grid.ends - grid.starts)
             self._stops[:0] = np.searchsorted(before, np.arange(_PART, before[-1], _PART)).tolist()
 
+    def choose(self, v: np.ndarray, tie: float, buffer: np.ndarray, check: Callable[[], None]) -> None:
+        """Set the policies that v chooses, where neighbours within `tie` are equal; `check` as in `solve`."""
+        first = 0
+        for stop in self._stops:
+            check()
+            starts, ends = self.grid.starts[first:stop], self.grid.ends[first:stop]
+            stencil.choose_policies(v, starts, ends, self.grid.rows, tie, self.up, self.down, buffer)
+            first = stop
+
     def solve(self, v: np.ndarray, tol: float, check: Callable[[], None]) -> int:
         """Overwrite v with the solution for the present policies.
 
@@ -56,15 +66,17 @@ class PolicySystem:
         unknowns = 0
         starts, ends = self.grid.starts, self.grid.ends
         unsolve(v, starts, ends)
-        state = np.zeros(2, np.int64)
+        state, search = np.zeros(2, np.int64), np.zeros(SEARCHED, np.int64)
+        policies = (self.up, self.down, self._factors, self._screening)
         for stop in self._stops:
             check()
-            # A cycle is solved outside the kernel: a kernel that contains another is compiled with all of it once more.
-            while follow_chains(
-                v, starts[:stop], ends[:stop], self.up, self.down, self._factors, self._screening, self._owner,
-                self._path, state,
-            ):  # fmt: skip
-                unknowns += self.solve_cycle(v, state, tol)
+            while True:
+                unknowns += _follow_all(
+                    v, starts[:stop], ends[:stop], *policies, self._owner, self._path, self._chains, state, search
+                )
+                if search[MEMBERS] == 0:
+                    break
+                unknowns += solve_left_over(v, tol, *policies, self._owner, self._chains, search)
             state[_RUN], state[_HEIGHT] = stop, 0
         return unknowns
 
@@ -79,6 +91,22 @@ class PolicySystem:
     def scratch(self) -> tuple[np.ndarray, ...]:
         """What `follow_chains` works on: policies up and down, the factors of chains, and two arrays of scratch."""
         return self.up, self.down, self._factors, self._owner, self._path
+
+
+@kernel
+def _follow_all(v, starts, ends, up, down, factors, screening, owner, path, chains, state, search):  # type: ignore[no-untyped-def]
+    """Solve chain by chain and cycle by cycle, until one is left over, as `search` says; returns the cycles' unknowns.
+
+    Cycles are many and mostly small, so that a return to Python at each would cost as much as they do.
+    """
+    unknowns = 0
+    while search[MEMBERS] > 0 or follow_chains(v, starts, ends, up, down, factors, screening, owner, path, state):
+        unknowns += search_components(
+            v, np.int64(path[state[_HEIGHT] - 1]), up, down, factors, screening, owner, chains, search
+        )
+        if search[MEMBERS] > 0:
+            break
+    return unknowns
 
 
 @kernel

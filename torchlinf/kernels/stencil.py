@@ -79,15 +79,15 @@ def row_residuals(v, start, length, rows, screening, screenings, buffer):  # typ
     values = v[start : start + length]
     if screenings is None:
         for j in range(length):
-            residual[j] = 1.0 - screening * values[j]
+            most = max(max(high[j], high[j + 1]), high[j + 2])
+            least = min(min(low[j], low[j + 1]), low[j + 2])
+            residual[j] = ((most - values[j]) - (values[j] - least)) + (1.0 - screening * values[j])
     else:
         s = screenings[start : start + length]
         for j in range(length):
-            residual[j] = 1.0 - s[j] * values[j]
-    for j in range(length):
-        most = max(max(high[j], high[j + 1]), high[j + 2])
-        least = min(min(low[j], low[j + 1]), low[j + 2])
-        residual[j] = ((most - values[j]) - (values[j] - least)) + residual[j]
+            most = max(max(high[j], high[j + 1]), high[j + 2])
+            least = min(min(low[j], low[j + 1]), low[j + 2])
+            residual[j] = ((most - values[j]) - (values[j] - least)) + (1.0 - s[j] * values[j])
 
 
 @kernel
@@ -112,30 +112,45 @@ def choose_policies(v, starts, ends, rows, tie, up, down, buffer):  # type: igno
     The canonical tie rule: among the neighbours within `tie` of the extremum the pixel itself if it is one, else the
     one of smallest index. Without it, values that are equal in exact arithmetic would make chains zigzag.
     """
-    high, low, most, least = buffer[0], buffer[1], buffer[2], buffer[3]
+    high, low = buffer[0], buffer[1]
     for run in range(starts.size):
         start = starts[run]
         length = ends[run] - start
         _row_extrema(v, rows, start - 1, length + 2, high, low)
-        for j in range(length):
-            most[j] = max(max(high[j], high[j + 1]), high[j + 2]) - tie
-            least[j] = min(min(low[j], low[j + 1]), low[j + 2]) + tie
         values, above, below = v[start : start + length], up[start : start + length], down[start : start + length]
-        for row in range(rows.size - 1, -1, -1):  # descending, so that the smallest index is written last
-            first = start + rows[row]
-            left, middle, right = (
-                v[first - 1 : first - 1 + length],
-                v[first : first + length],
-                v[first + 1 : first + 1 + length],
-            )
+        here = np.int32(start)
+        for group in range(rows.size - 3, -1, -3):  # descending, so that the smallest index is written last
+            a = v[start + rows[group] - 1 : start + rows[group] + length + 1]
+            b = v[start + rows[group + 1] - 1 : start + rows[group + 1] + length + 1]
+            c = v[start + rows[group + 2] - 1 : start + rows[group + 2] + length + 1]
+            step_a, step_b, step_c = np.int32(rows[group]), np.int32(rows[group + 1]), np.int32(rows[group + 2])
             for j in range(length):
-                x = np.int32(first + j)
-                y = x + np.int32(1) if right[j] >= most[j] else above[j]
-                y = x if middle[j] >= most[j] else y
-                above[j] = x - np.int32(1) if left[j] >= most[j] else y
-                y = x + np.int32(1) if right[j] <= least[j] else below[j]
-                y = x if middle[j] <= least[j] else y
-                below[j] = x - np.int32(1) if left[j] <= least[j] else y
-        for j in range(length):
-            above[j] = start + j if values[j] >= most[j] else above[j]
-            below[j] = start + j if values[j] <= least[j] else below[j]
+                most = max(max(high[j], high[j + 1]), high[j + 2]) - tie
+                x = here + np.int32(j)
+                y = _first_above(c[j], c[j + 1], c[j + 2], most, x + step_c, above[j])
+                y = _first_above(b[j], b[j + 1], b[j + 2], most, x + step_b, y)
+                y = _first_above(a[j], a[j + 1], a[j + 2], most, x + step_a, y)
+                above[j] = x if values[j] >= most else y
+            for j in range(length):
+                least = min(min(low[j], low[j + 1]), low[j + 2]) + tie
+                x = here + np.int32(j)
+                y = _first_below(c[j], c[j + 1], c[j + 2], least, x + step_c, below[j])
+                y = _first_below(b[j], b[j + 1], b[j + 2], least, x + step_b, y)
+                y = _first_below(a[j], a[j + 1], a[j + 2], least, x + step_a, y)
+                below[j] = x if values[j] <= least else y
+
+
+@inlined
+def _first_above(left, middle, right, most, x, other):  # type: ignore[no-untyped-def]
+    """The first of the pixels x - 1, x, x + 1 whose value is not below `most`, or else the other pixel."""
+    y = x + np.int32(1) if right >= most else other
+    y = x if middle >= most else y
+    return x - np.int32(1) if left >= most else y
+
+
+@inlined
+def _first_below(left, middle, right, least, x, other):  # type: ignore[no-untyped-def]
+    """The first of the pixels x - 1, x, x + 1 whose value is not above `least`, or else the other pixel."""
+    y = x + np.int32(1) if right <= least else other
+    y = x if middle <= least else y
+    return x - np.int32(1) if left <= least else y

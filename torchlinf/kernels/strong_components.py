@@ -29,6 +29,7 @@ _LOOP = 4  # added to VISITED for every dependency of a chain on itself
 # Places of `search`: chains on the stack; chains left and unsolved; the present chain; how many of those left are the
 # component that the caller has to solve.
 HEIGHT, PENDING, CHAIN, MEMBERS = range(4)
+SEARCHED = 4
 
 ROOM = 8  # numbers a row that elimination may need at a time; what needs more is left to BiCGStab
 _ITERATIONS = 1000  # rarely needed, but a component left inexact ties its pixels into still larger ones next time
@@ -50,19 +51,36 @@ def solve_cycle(
     Components that elimination has no room for are solved to `tol`, all others exactly. `owner` is 0 or less at what
     is unsolved, and 0 at what this has solved; `chains`, (ROWS, pixels), is scratch.
     """
-    search = np.zeros(4, np.int64)
+    search = np.zeros(SEARCHED, np.int64)
     unknowns = 0
     while True:
         unknowns += search_components(v, root, up, down, factors, screening, owner, chains, search)
         if search[MEMBERS] == 0:
             return unknowns
-        # A component is left over. The kernels that it needs compile when they are first needed.
-        stop = int(search[PENDING])
-        first = stop - int(search[MEMBERS])
-        rows = component_rows(v, first, stop, chains, owner, up, factors)
-        _iterate(v, tol, *rows)
-        solve_members(v, first, stop, chains, up, down, factors, screening)
-        unknowns += len(rows[0])
+        unknowns += solve_left_over(v, tol, up, down, factors, screening, owner, chains, search)
+
+
+def solve_left_over(
+    v: np.ndarray,
+    tol: float,
+    up: np.ndarray,
+    down: np.ndarray,
+    factors: np.ndarray,
+    screening: float,
+    owner: np.ndarray,
+    chains: np.ndarray,
+    search: np.ndarray,
+) -> int:
+    """Solve the component that `search_components` has left over; returns the number of its unknowns.
+
+    The kernels that it needs compile when they are first needed.
+    """
+    stop = int(search[PENDING])
+    first = stop - int(search[MEMBERS])
+    rows = component_rows(v, first, stop, chains, owner, up, factors)
+    _iterate(v, tol, *rows)
+    solve_members(v, first, stop, chains, up, down, factors, screening)
+    return len(rows[0])
 
 
 def _iterate(
@@ -148,7 +166,7 @@ def search_components(v, root, up, down, factors, screening, owner, chains, sear
             height = chain
         chain = above
         if chain < 0:
-            search[MEMBERS] = 0
+            search[:] = 0
             return unknowns
 
 
@@ -326,7 +344,8 @@ def eliminate(constant, weight, index):  # type: ignore[no-untyped-def]
     row, column = np.empty(room, np.int32), np.empty(room, np.int32)
     after, beside = np.empty(room, np.int32), np.empty(room, np.int32)
     value, x = np.empty(room), constant.copy()
-    first, dependent, mark = np.full(size, -1, np.int32), np.full(size, -1, np.int32), np.full(size, -1, np.int32)
+    first, dependent, pivot = np.full(size, -1, np.int32), np.full(size, -1, np.int32), np.full(size, -1, np.int32)
+    added, pairs = np.zeros(size, np.int64), 0  # by column, the last pair of rows in which it was in both; pairs so far
     needs, needed = np.zeros(size, np.int32), np.zeros(size, np.int32)  # numbers on the lists, the diagonal left out
     order, left, live = np.empty(size, np.int32), np.arange(size), np.ones(size, np.bool_)
     end, spare = np.int64(0), np.int64(-1)
@@ -361,6 +380,10 @@ def eliminate(constant, weight, index):  # type: ignore[no-untyped-def]
             live[j] = False
             order[done] = j
             done += 1
+            e = np.int64(first[j])
+            while e >= 0:
+                pivot[column[e]] = e
+                e = np.int64(after[e])
             d = np.int64(dependent[j])
             while d >= 0:
                 following = np.int64(beside[d])
@@ -368,20 +391,29 @@ def eliminate(constant, weight, index):  # type: ignore[no-untyped-def]
                 if live[i]:
                     share = value[d]
                     x[i] += share * x[j]
-                    _unlink(i, j, first, column, after)
+                    pairs += 1
+                    before = np.int64(-1)
+                    e = np.int64(first[i])
+                    while e >= 0:  # add where row i has a number already, and take its number in column j out
+                        behind = np.int64(after[e])
+                        y = np.int64(column[e])
+                        if e != d:
+                            before = e
+                            if pivot[y] >= 0:
+                                value[e] += share * value[pivot[y]]
+                                added[y] = pairs
+                        elif before < 0:
+                            first[i] = behind
+                        else:
+                            after[before] = behind
+                        e = behind
                     needs[i] -= 1
                     after[d] = spare
                     spare = d
-                    e = np.int64(first[i])
-                    while e >= 0:
-                        mark[column[e]] = e
-                        e = np.int64(after[e])
                     e = np.int64(first[j])
                     while e >= 0:
                         y = np.int64(column[e])
-                        if mark[y] >= 0:
-                            value[mark[y]] += share * value[e]
-                        else:
+                        if added[y] != pairs:
                             place = spare
                             if spare >= 0:
                                 spare = np.int64(after[spare])
@@ -391,16 +423,15 @@ def eliminate(constant, weight, index):  # type: ignore[no-untyped-def]
                             else:
                                 return False
                             _link(place, i, y, share * value[e], row, column, value, after, beside, first, dependent)
-                            mark[y] = place
                             if y != i:
                                 needs[i] += 1
                                 needed[y] += 1
                         e = np.int64(after[e])
-                    e = np.int64(first[i])
-                    while e >= 0:
-                        mark[column[e]] = -1
-                        e = np.int64(after[e])
                 d = following
+            e = np.int64(first[j])
+            while e >= 0:
+                pivot[column[e]] = -1
+                e = np.int64(after[e])
         if kept == count:
             allowed += max(1, allowed // 4)
         count = kept
