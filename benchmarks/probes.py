@@ -68,8 +68,8 @@ def memory(call: str, kind: str, side: str) -> dict[str, Any]:
     import torchlinf
 
     torch.set_num_threads(1)
-    if call == "accelerated":
-        run: Callable[..., Any] = partial(torchlinf.solve_field, method="accelerated")
+    if call in ("accelerated", "batched"):
+        run: Callable[..., Any] = partial(torchlinf.solve_field, method=call)
     else:
         run = getattr(torchlinf, call)
     small, mask = _mask(kind, 24), _mask(kind, int(side))

@@ -4,7 +4,7 @@ from benchmarks.probes import probe
 from benchmarks.results import Cell, Result, Table, Target
 from benchmarks.sizes import Size
 
-CALLS = ["solve_field", "complexity_profile", "chessboard_distance", "accelerated"]
+CALLS = ["solve_field", "complexity_profile", "chessboard_distance", "accelerated", "batched"]
 JUDGED = CALLS[:2]
 
 

@@ -3,8 +3,6 @@
 Some sweeps, then the values that the policies lead to, in turn, as the compiled method does it.
 """
 
-from collections.abc import Callable
-
 import torch
 from torch import Tensor
 
@@ -19,10 +17,13 @@ from torchlinf.field.stencil import Layout, System
 
 SWEEPS = 24  # before each linear solve, doubled after every ROUNDS of these
 ROUNDS = 6
+CERTIFIED = 3  # rounds after which sweeps are certified too: where linear solves fail or round more, sweeps converge
+ROUGH = 1e-3  # a tolerance that sweeps may reach before any linear solve
 COARSEST = 12  # radius up to which no coarser grid is worth its while
-COARSE_TOL = 0.01
+COARSE_TOL = 0.1
 TIE = 1e-11  # share of the start's maximum within which neighbours are equal: rounding, not geometry
-GROUP_PIXELS = 1 << 20
+FIRST_TIE = 1e-6  # the same in the first solve on a fine grid, whose field is rough: it has a third fewer unknowns so
+GROUP_PIXELS = 1 << 18  # on a CPU: calls are worth their while, and storage comes from the heap
 
 
 def solve_batched(problem: Problem, tol: float, max_sweeps: int | None) -> FieldSolution:
@@ -44,28 +45,25 @@ class _Rounds:
             self.limit = torch.full_like(self.limit, max_sweeps)
         self.done = torch.zeros_like(problem.screening)
         self.solves = torch.zeros_like(self.limit)
-        values = start(problem)
-        self.largest = values.flatten(1).amax(dim=1)
+        self.layout = Layout(problem.mask)
+        inside = self.layout.rows(self.layout.pack(problem.mask.to(problem.screening)))
+        self.system = System(self.layout, inside, problem.screening[:, None], problem.radius.long(), problem.compile)
+        values = self.layout.rows(self.layout.pack(start(problem)))
+        self.largest = values.amax(dim=1)
         self.bound = torch.full_like(self.largest, torch.inf)
-        self._lay_out(values)
+        self._begin(values)
         self.best = values
 
-    def _lay_out(self, values: Tensor) -> None:
-        """Put the values of all shapes on a line."""
-        mask, screening = self.problem.mask, self.problem.screening
-        self.layout = Layout(mask)
-        self.line = self.layout.pack(values)
-        inside = self.layout.rows(self.layout.pack(mask.to(values)))
-        self.system = System(self.layout, inside, screening[:, None], self.problem.radius.long(), self.problem.compile)
-        self.next = self.line.clone()
-        place = self.layout.line(inside).nonzero()[:, 0]
-        shape = (place - self.layout.guard) // self.layout.pixels
-        index = torch.full_like(self.line, len(place), dtype=torch.int64)
-        index[place] = torch.arange(len(place), device=place.device)
-        count = torch.zeros_like(self.solves).index_add_(0, shape, torch.ones_like(shape))
-        rank = torch.arange(len(place), device=place.device) - (count.cumsum(0) - count)[shape]
-        self.pixels = Pixels(place, shape, rank, index, screening)
-        self.count = count
+    def _begin(self, values: Tensor) -> None:
+        """Put the values of all shapes on a line, and number their pixels there."""
+        self.line = self.layout.line(values)
+        shape, pixel = self.system.inside.nonzero(as_tuple=True)
+        place = shape * self.layout.pixels + pixel + self.layout.guard
+        own = torch.arange(len(place), device=place.device)
+        index = torch.full_like(self.line, len(place), dtype=torch.int64).scatter_(0, place, own)
+        self.count = torch.zeros_like(self.solves).index_add_(0, shape, torch.ones_like(shape))
+        rank = own - (self.count.cumsum(0) - self.count).index_select(0, shape)
+        self.pixels = Pixels(place, shape, rank, index, self.problem.screening)
 
     def solve(self, tol: float, answer: FieldSolution) -> None:
         """Work until no shape is left; write each into `answer` when it leaves."""
@@ -77,13 +75,15 @@ class _Rounds:
             sweeps = SWEEPS * 2 ** (number // ROUNDS)
             if self.max_sweeps is not None:
                 sweeps = min(sweeps, max(0, self.max_sweeps - int(self.done.max()) - 1))
+            sweep = self.system.sweeps(self.line)
             for _ in range(sweeps):
-                self.system.sweep(self.line, out=self.layout.rows(self.next))
-                self.line, self.next = self.next, self.line
-            self._certify(tol, answer, sweeps)
+                sweep()
+            if tol >= ROUGH or number >= CERTIFIED:
+                self._certify(tol, answer, sweeps)
+                sweeps = 0
             if len(self.shape):
-                self._solve_policies()
-                self._certify(tol, answer, 0)
+                self._solve_policies(first=number == 0)
+                self._certify(tol, answer, sweeps)
             number += 1
 
     def _certify(self, tol: float, answer: FieldSolution, sweeps: int) -> None:
@@ -92,14 +92,14 @@ class _Rounds:
         self.done += sweeps + 1
         better = bound < self.bound
         self.bound = torch.where(better, bound, self.bound)
-        values = self.layout.unpack(self.layout.rows(self.line))
-        self.best = torch.where(better.view(-1, *[1] * (values.ndim - 1)), values, self.best)
-        status = ended(bound, self.bound, self.best.flatten(1).amax(dim=1), self.done + 2 > self.limit, tol)
+        values = self.layout.rows(self.line)
+        torch.where(better[:, None], values, self.best, out=self.best)
+        status = ended(bound, self.bound, self.best.amax(dim=1), self.done + 2 > self.limit, tol)
         leave = status != NEVER
         if not leave.any():
             return
         gone = self.shape[leave]
-        answer.value[gone] = self.best[leave]
+        answer.value[gone] = self.layout.unpack(self.best[leave])
         answer.error_bound[gone] = self.bound[leave]
         answer.num_sweeps[gone] = self.done[leave].ceil().long()
         answer.num_solves[gone] = self.solves[leave]
@@ -109,25 +109,18 @@ class _Rounds:
         self.limit, self.done, self.solves = self.limit[keep], self.done[keep], self.solves[keep]
         self.largest, self.bound, self.best = self.largest[keep], self.bound[keep], self.best[keep]
         if len(keep):
-            self._lay_out(values[keep])
+            self.system = self.system.select(keep)
+            self._begin(values.index_select(0, keep))
 
-    def _solve_policies(self) -> None:
-        highs, lows = self._extrema(torch.maximum), self._extrema(torch.minimum)
+    def _solve_policies(self, first: bool) -> None:
+        highs, lows = self.system.partial_extrema(self.line)
         tie = self.largest * max(TIE, 32 * torch.finfo(self.line.dtype).eps)
+        if first:
+            tie = torch.where(self.problem.radius > COARSEST, tie.clamp(min=FIRST_TIE * self.largest), tie)
         found = solve_policies(self.pixels, tie, highs, lows, self.layout.strides)
         # without screening to speak of, wrong policies may have no values: sweeps go on from those that are there
         self.line[self.pixels.place] = torch.where(found.isfinite(), found, self.line[self.pixels.place])
         self.solves += 1
-
-    def _extrema(self, extremum: Callable[..., Tensor]) -> list[Tensor]:
-        """The field, and its extrema over the block along the last axis, the last two ..., all."""
-        lines = [self.line]
-        for stride in reversed(self.layout.strides):
-            source, target = lines[-1], torch.zeros_like(self.line)
-            pairs = extremum(source[:-stride], source[stride:])
-            extremum(pairs[:-stride], pairs[stride:], out=target[stride:-stride])
-            lines.append(target)
-        return lines
 
     def _start_from_coarse(self) -> None:
         """Scale the start of large shapes by the ratio of field to start at half the side."""

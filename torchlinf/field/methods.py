@@ -67,7 +67,9 @@ STAYS: dict[str, tuple[tuple[float, float], ...]] = {"cuda": ((math.inf, 1),)}
 
 def automatic(problem: Problem) -> str:
     """The method that ``method="auto"`` stands for: the one place of that choice."""
-    return "compiled" if uses_kernels(problem.mask, "auto") and not problem.compile else "accelerated"
+    if problem.compile or (problem.mask.device.type != "cpu" and not uses_kernels(problem.mask, "auto")):
+        return "accelerated"
+    return "compiled" if has_compiler() else "batched"
 
 
 def uses_kernels(mask: Tensor, method: str) -> bool:

@@ -41,7 +41,7 @@ def solve_field(
             a trip to the host's memory (numba only); "batched" is policy iteration in torch operations on all shapes
             at once, and "accelerated" accelerated value iteration in torch operations (any device); "monotone" is value
             iteration, the slow reference, whose values decrease to the field (any device). "auto" is "compiled" for
-            masks on the CPU if numba is installed, "accelerated" for all others.
+            masks on the CPU, without numba "batched", and "accelerated" for masks on other devices.
         max_sweeps: sweeps allowed to each shape, an integer of 1 or more; None means far more than the method needs:
             20000 + 200 D for "compiled" and "batched", 400 D + 2000 for "accelerated", 40 D^2 + 1000 for "monotone".
         throw: raise when a shape is not certified to `tol`; with False look at `status` and `error_bound` instead.

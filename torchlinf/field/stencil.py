@@ -5,7 +5,7 @@ of dimensions, and what is derived from them is deterministic on every device.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 
 import torch
@@ -122,6 +122,7 @@ class System:
         self.compile = compile
         self._weight = inside / (2 + screening)
         self._high, self._low, self._pairs = (layout.line(torch.zeros_like(inside)) for _ in range(3))
+        self._partial: list[Tensor] = []
 
     @property
     def least_screening(self) -> Tensor:
@@ -142,6 +143,24 @@ class System:
             high, low = self._extrema(line)
             torch.add(high, low, out=out).add_(1).mul_(self._weight)
 
+    def sweeps(self, line: Tensor) -> Callable[[], None]:
+        """A sweep of `line` in place, to be repeated: what it works on is laid out once, for calls cost time."""
+        if self.compile:
+            return lambda: self.sweep(line, out=self.layout.rows(line))
+        calls = [
+            (extremum, arguments, out)
+            for extremum, target in ((torch.maximum, self._high), (torch.minimum, self._low))
+            for arguments, out in self._steps(line, target)
+        ]
+        rows, high, low = self.layout.rows(line), self.layout.rows(self._high), self.layout.rows(self._low)
+
+        def sweep() -> None:
+            for extremum, arguments, out in calls:
+                extremum(*arguments, out=out)
+            torch.add(high, low, out=rows).add_(1).mul_(self._weight)
+
+        return sweep
+
     def residual(self, line: Tensor) -> Tensor:
         """R(v) = M v + N v + 1 - (2 + s) v on the shapes and 0 elsewhere, `(N, pixels)`; the next call overwrites it.
 
@@ -158,13 +177,35 @@ class System:
     def _extrema(self, line: Tensor) -> tuple[Tensor, Tensor]:
         """M v and N v, `(N, pixels)` each; right on the shapes, arbitrary elsewhere."""
         for extremum, target in ((torch.maximum, self._high), (torch.minimum, self._low)):
-            source = line
-            for stride in self.layout.strides:
+            for arguments, out in self._steps(line, target):
+                extremum(*arguments, out=out)
+        return self.layout.rows(self._high), self.layout.rows(self._low)
+
+    def partial_extrema(self, line: Tensor) -> tuple[list[Tensor], list[Tensor]]:
+        """Of the field on `line`: itself, and its maxima over the block along the last axis, the last two ..., all.
+
+        And the same with minima. The next call overwrites them; they are arbitrary outside the shapes.
+        """
+        if not self._partial:
+            self._partial = [torch.zeros_like(line) for _ in range(2 * len(self.layout.strides))]
+        found = []
+        for number, extremum in enumerate((torch.maximum, torch.minimum)):
+            lines = [line, *self._partial[number::2]]
+            for source, target, stride in zip(lines[:-1], lines[1:], reversed(self.layout.strides), strict=True):
                 pairs = self._pairs[:-stride]
                 extremum(source[:-stride], source[stride:], out=pairs)
                 extremum(pairs[:-stride], pairs[stride:], out=target[stride:-stride])
-                source = target
-        return self.layout.rows(self._high), self.layout.rows(self._low)
+            found.append(lines)
+        return found[0], found[1]
+
+    def _steps(self, line: Tensor, target: Tensor) -> Iterator[tuple[tuple[Tensor, Tensor], Tensor]]:
+        """What an extremum is taken of, and where it goes, until `target` has it over the block."""
+        source = line
+        for stride in self.layout.strides:
+            pairs = self._pairs[:-stride]
+            yield (source[:-stride], source[stride:]), pairs
+            yield (pairs[:-stride], pairs[stride:]), target[stride:-stride]
+            source = target
 
 
 def fused_sweep(line: Tensor, weight: Tensor, strides: list[int]) -> Tensor:
