@@ -34,7 +34,6 @@ def run(size: Size) -> Result:
     chosen = shapes.silhouettes(4, size.silhouette_side)[1::2]
     curves, tables, exponents, raw = [], [], [], {}
     with threads(1):
-        Solve(chosen[0].mask)()  # compiles what no earlier question has
         for shape in chosen:
             for kind, enlarge in KINDS.items():
                 label = f"{shape.name}, {kind}"
