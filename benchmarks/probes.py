@@ -68,8 +68,10 @@ def memory(call: str, kind: str, side: str) -> dict[str, Any]:
     import torchlinf
 
     torch.set_num_threads(1)
-    if call in ("accelerated", "batched"):
+    if call == "batched":
         run: Callable[..., Any] = partial(torchlinf.solve_field, method=call)
+    elif call == "accelerated":  # all its memory is in use from the first sweeps on, of which it takes thousands
+        run = partial(torchlinf.solve_field, method=call, max_sweeps=200, throw=False)
     else:
         run = getattr(torchlinf, call)
     small, mask = _mask(kind, 24), _mask(kind, int(side))
