@@ -14,10 +14,11 @@ import torch
 from torch import Tensor
 
 from benchmarks import shapes
-from benchmarks.questions.common import TOL, spread, threads, times_as_long
+from benchmarks.questions.common import TOL, spread, times_as_long
 from benchmarks.results import Cell, Table, markdown
 from benchmarks.timing import Times, alternate, ratio
 from torchlinf import solve_field
+from torchlinf._helpers.parallel import threads
 from torchlinf.field import METHODS
 from torchlinf.losses import ShapeComplexityLoss
 

@@ -20,9 +20,10 @@ from benchmarks.baselines.domain import Domain  # noqa: E402
 from benchmarks.baselines.explicit import Compiled, Pooling, Vectorised, sweeps_from_zero  # noqa: E402
 from benchmarks.baselines.policy import policy_iteration  # noqa: E402
 from benchmarks.questions import QUESTIONS  # noqa: E402
-from benchmarks.questions.common import Policy, Solve, threads  # noqa: E402
+from benchmarks.questions.common import Policy, Solve  # noqa: E402
 from benchmarks.results import Result, Table, Target, load, markdown, save, show, target_table  # noqa: E402
 from benchmarks.sizes import TOY  # noqa: E402
+from torchlinf._helpers.parallel import threads  # noqa: E402
 from torchlinf.shapes import disc, square  # noqa: E402
 
 pytestmark = pytest.mark.slow  # most tests here wait for the run of all benchmarks

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from photographs import write_photographs
 from torch import Tensor
 from torch.nn import functional
 
@@ -22,13 +21,6 @@ from benchmarks.regulariser.real_images.carrying import mean_cosine, of_flips  #
 from benchmarks.regulariser.real_images.network import UNet  # noqa: E402
 from benchmarks.regulariser.real_images.pulls import Design, Step  # noqa: E402
 from benchmarks.regulariser.real_images.training import State  # noqa: E402
-
-
-@pytest.fixture
-def facades(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    write_photographs(tmp_path)
-    monkeypatch.setenv("TORCHLINF_FACADES", str(tmp_path))
-    return tmp_path
 
 
 def a_step(progress: float = 0.0) -> Step:

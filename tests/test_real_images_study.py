@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from photographs import write_photographs
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # `benchmarks` is not installed with the library
@@ -17,13 +16,6 @@ from benchmarks.regulariser.real_images.afterwards import opened_and_closed  # n
 from benchmarks.regulariser.real_images.measures import boundary_f, complexity  # noqa: E402
 from benchmarks.regulariser.real_images.network import DESIGNS, UNet  # noqa: E402
 from benchmarks.regulariser.real_images.tables import difference, mean_and_error  # noqa: E402
-
-
-@pytest.fixture
-def facades(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    write_photographs(tmp_path)
-    monkeypatch.setenv("TORCHLINF_FACADES", str(tmp_path))
-    return tmp_path
 
 
 def test_no_image_is_in_two_parts(facades: Path) -> None:

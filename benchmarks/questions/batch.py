@@ -6,11 +6,12 @@ from collections.abc import Callable
 from torch import Tensor
 
 from benchmarks import shapes
-from benchmarks.questions.common import TOL, spread, threads, times_as_long
+from benchmarks.questions.common import TOL, spread, times_as_long
 from benchmarks.results import Cell, Result, Table, Target
 from benchmarks.sizes import Size
 from benchmarks.timing import Ratio, Times, alternate, ratio
 from torchlinf import complexity_profile, solve_field
+from torchlinf._helpers.parallel import threads
 
 CORES = min(2, os.cpu_count() or 1)
 

@@ -1,11 +1,9 @@
 """What several questions share."""
 
 import statistics
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 import numpy as np
-import torch
 from torch import Tensor
 
 import torchlinf
@@ -14,17 +12,6 @@ from benchmarks.baselines.policy import Outcome, policy_iteration
 from benchmarks.timing import Ratio, Times
 
 TOL = 1e-9
-
-
-@contextmanager
-def threads(count: int) -> Iterator[None]:
-    """Torch, and with it the library, on that many threads."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 class Solve:

@@ -10,12 +10,13 @@ from torch import Tensor
 
 from benchmarks import shapes
 from benchmarks.baselines.distances import transforms
-from benchmarks.questions.common import median, spread, threads, times_as_long
+from benchmarks.questions.common import median, spread, times_as_long
 from benchmarks.results import Cell, Result, Table, Target
 from benchmarks.shapes import Named
 from benchmarks.sizes import Size
 from benchmarks.timing import Ratio, Run, Times, alternate, ratio
 from torchlinf import chessboard_distance
+from torchlinf._helpers.parallel import threads
 
 Pairs = dict[str, dict[str, Times]]  # times of the library and of one other, by the other's name
 

@@ -9,11 +9,12 @@ import torchlinf
 from benchmarks import shapes
 from benchmarks.baselines.domain import Domain
 from benchmarks.baselines.explicit import Compiled, Pooling, Vectorised, sweeps_from_zero
-from benchmarks.questions.common import TOL, Policy, Solve, median, spread, threads, times_as_long
+from benchmarks.questions.common import TOL, Policy, Solve, median, spread, times_as_long
 from benchmarks.results import Cell, Result, Table, Target
 from benchmarks.shapes import Named
 from benchmarks.sizes import Size
 from benchmarks.timing import Ratio, Times, alternate, ratio
+from torchlinf._helpers.parallel import threads
 
 SWEEPS = 10  # of an explicit scheme in one timed run
 LARGE = 64  # radius from which on the explicit schemes are judged

@@ -8,12 +8,13 @@ import numpy as np
 from torch import Tensor
 
 from benchmarks import shapes
-from benchmarks.questions.common import Policy, Solve, median, threads
+from benchmarks.questions.common import Policy, Solve, median
 from benchmarks.results import Cell, Result, Table, Target
 from benchmarks.shapes import Named
 from benchmarks.sizes import Size
 from benchmarks.timing import alternate
 from torchlinf import chessboard_distance
+from torchlinf._helpers.parallel import threads
 
 KINDS = {"smooth": shapes.smooth, "repeat": shapes.repeat}
 MOST_FOR_LU = 500_000  # pixels

@@ -1,12 +1,13 @@
 """What does the profile cost beyond the field that it is made from?"""
 
 from benchmarks import shapes
-from benchmarks.questions.common import Solve, median, spread, threads, times_as_long
+from benchmarks.questions.common import Solve, median, spread, times_as_long
 from benchmarks.results import Cell, Result, Table, Target
 from benchmarks.shapes import Named
 from benchmarks.sizes import Size
 from benchmarks.timing import Ratio, Times, alternate, ratio
 from torchlinf import complexity_profile
+from torchlinf._helpers.parallel import threads
 
 
 def run(size: Size) -> Result:

@@ -7,11 +7,12 @@ import torch
 from torch import Tensor
 
 from benchmarks import shapes
-from benchmarks.questions.common import TOL, Solve, threads, times_as_long
+from benchmarks.questions.common import TOL, Solve, times_as_long
 from benchmarks.results import Cell, Result, Table, Target
 from benchmarks.sizes import Size
 from benchmarks.timing import Times, alternate, ratio
 from torchlinf import solve_field
+from torchlinf._helpers.parallel import threads
 from torchlinf.field import Layout, System, pose
 
 METHODS = ("accelerated", "batched")

@@ -3,11 +3,12 @@
 import torch
 
 from benchmarks import shapes
-from benchmarks.questions.common import Policy, Solve, median, spread, threads, times_as_long
+from benchmarks.questions.common import Policy, Solve, median, spread, times_as_long
 from benchmarks.results import Cell, Result, Table, Target
 from benchmarks.sizes import Size
 from benchmarks.timing import alternate, ratio
 from torchlinf import chessboard_distance
+from torchlinf._helpers.parallel import threads
 
 PATIENCE = 5  # times as much as for a silhouette
 

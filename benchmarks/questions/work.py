@@ -5,13 +5,14 @@ from torch import Tensor
 
 import torchlinf
 from benchmarks import shapes
-from benchmarks.questions.common import Solve, median, threads
+from benchmarks.questions.common import Solve, median
 from benchmarks.results import Cell, Result, Table, Target
 from benchmarks.shapes import Named
 from benchmarks.sizes import Size
 from benchmarks.timing import Ratio, Times, alternate, ratio
 from torchlinf import FieldSolution
 from torchlinf._helpers.boxes import bounding_box
+from torchlinf._helpers.parallel import threads
 from torchlinf.kernels import grid, stencil
 
 SWEEPS = 10

@@ -23,6 +23,17 @@ _listener: Callable[[str], None] | None = None
 
 
 @contextmanager
+def threads(count: int) -> Iterator[None]:
+    """Torch, and with it the library, on that many threads."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@contextmanager
 def told_to(listener: Callable[[str], None]) -> Iterator[None]:
     """Within this context, what a long solve says about how far it is, on any thread, is told to `listener`."""
     global _listener

@@ -12,19 +12,6 @@ def cores() -> int:
 
 
 @contextmanager
-def threads(count: int) -> Iterator[None]:
-    """Torch, and with it the library, on that many threads."""
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-@contextmanager
 def progress(done: int, total: int, shown: bool, doing: str = "scoring") -> Iterator[Callable[[], None]]:
     """A bar on the terminal, with the time so far and what a long solve says; yields what advances it by a step.
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from torchlinf.cli.outputs import endings, folder_problem, say
-from torchlinf.cli.progress import cores, progress, threads
+from torchlinf.cli.progress import cores, progress
 
 Resolution = Annotated[
     float | None,
@@ -91,6 +91,7 @@ def score_geodata(
         typer.BadParameter: options that contradict each other.
         typer.Exit: some outlines failed (1), or all had to end (2).
     """
+    from torchlinf._helpers.parallel import threads
     from torchlinf.scoring import GeoOptions, number_of_parts, open_journal, parts_of, rows_in, write_geo_table
 
     _check_out(out, files, as_json, overwrite)

@@ -7,7 +7,7 @@ from typing import Any
 import typer
 
 from torchlinf.cli.outputs import endings, fail, folder_problem, say
-from torchlinf.cli.progress import progress, threads
+from torchlinf.cli.progress import progress
 from torchlinf.cli.score_geodata import check_crs
 
 
@@ -27,6 +27,7 @@ def simplify_geodata(
         typer.BadParameter: options that contradict each other.
         typer.Exit: some outlines failed (1), or all had to end (2).
     """
+    from torchlinf._helpers.parallel import threads
     from torchlinf.polygons import simplify
     from torchlinf.scoring import (
         GEO_SUFFIXES,

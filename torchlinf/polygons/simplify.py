@@ -146,13 +146,7 @@ def simplify(
         raise_first(found.errors, found.index)
     parts, owner = found.parts()
     columns = _simplified(parts.shapes, parts.errors, drawing, measure, rule)
-    rows = _joined(columns, owner, found.shapes)
-    if tolerance is not None:
-        rows["geometry"] = straight_outlines(rows["geometry"], tolerance)
-    import shapely
-
-    rows["area_after"] = shapely.area(rows["geometry"])
-    rows["changed_area"] = shapely.area(shapely.symmetric_difference(found.shapes, rows["geometry"]))
+    rows = _joined(columns, owner, found.shapes, tolerance)
     if raising:
         raise_first(rows["error"], found.index)
     number = len(found.index)
@@ -215,8 +209,13 @@ def _simplified(
     return columns
 
 
-def _joined(columns: dict[str, Column], owner: NDArray[np.int64], given: Column) -> dict[str, Column]:
-    """The columns of geometries from those of their polygons; one polygon with an error is an error of the whole."""
+def _joined(
+    columns: dict[str, Column], owner: NDArray[np.int64], given: Column, tolerance: float | None
+) -> dict[str, Column]:
+    """The columns of geometries from those of their polygons; one polygon with an error is an error of the whole.
+
+    With a tolerance they are made straight.
+    """
     import shapely
 
     number = len(given)
@@ -246,4 +245,8 @@ def _joined(columns: dict[str, Column], owner: NDArray[np.int64], given: Column)
             rows[name][i] = values[0] if (values == values[0]).all() else np.nan
         if rows["flips"][i]:
             rows["geometry"][i] = shapely.union_all(columns["geometry"][own])
+    if tolerance is not None:
+        rows["geometry"] = straight_outlines(rows["geometry"], tolerance)
+    rows["area_after"] = shapely.area(rows["geometry"])
+    rows["changed_area"] = shapely.area(shapely.symmetric_difference(given, rows["geometry"]))
     return rows
