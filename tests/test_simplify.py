@@ -253,10 +253,14 @@ def test_arguments_are_checked() -> None:
         simplify(mask, allowed=torch.ones(7, 6, dtype=torch.bool), spatial_ndim=2)
     with pytest.raises(TypeError, match="allowed must be a bool tensor"):
         simplify(mask, allowed=torch.ones(6, 7), spatial_ndim=2)
-    with pytest.raises(ValueError, match="probabilities"):
+    with pytest.raises(ValueError, match=r"probabilities .* from 3.0 to 3.0. Pass torch.sigmoid\(logits\)"):
         simplify(mask * 3.0, spatial_ndim=2)
-    with pytest.raises(ValueError, match="probabilities"):
+    with pytest.raises(ValueError, match=r"probabilities .* got 42 NaN"):
         simplify(mask * math.nan, spatial_ndim=2)
+    with pytest.raises(ValueError, match=r"to 1.00000011.* Pass prediction.clamp\(0, 1\)"):
+        simplify(mask * 1.0000001, spatial_ndim=2)
+    with pytest.raises(ValueError, match=r"max_change must lie in \(0, 1\]"):
+        simplify(mask, max_change=1.5, spatial_ndim=2)
     for wrong in (
         {"weight": -1.0},
         {"max_change": 0.0},

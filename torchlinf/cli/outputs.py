@@ -25,6 +25,9 @@ from torchlinf.scoring import (
 # 128 + the number of the signal, as a shell reports a program that SIGINT (Ctrl-C) or SIGPIPE (`| head`) ended.
 WRONG, INTERRUPTED, PIPE_CLOSED = 2, 130, 141
 
+GOES_ON = "the same command goes on where this one was"
+BEGINS_ANEW = "nothing was written, and the same command begins anew"
+
 STATUS = (
     "Exit status: 0 all fine, 1 some masks failed, 2 wrong usage or an output that cannot be written, 130 stopped by "
     "Ctrl-C."
@@ -32,14 +35,19 @@ STATUS = (
 
 
 @contextmanager
-def endings(out: Path | None) -> Iterator[None]:
-    """What ends a run, as a message and an exit status."""
+def endings(out: Path | None, *, resumes: bool = True) -> Iterator[None]:
+    """What ends a run, as a message and an exit status.
+
+    Args:
+        out: what is written.
+        resumes: whether the same command goes on with it; if not, it is written in one piece at the end.
+    """
     try:
         with _interrupts():
             yield
     except KeyboardInterrupt:
         if not is_standard_output(out):
-            say("Stopped; the same command goes on where this one was.")
+            say(f"Stopped; {GOES_ON if resumes else BEGINS_ANEW}.")
         raise typer.Exit(INTERRUPTED) from None
     except BrokenPipeError:
         raise typer.Exit(PIPE_CLOSED) from None
@@ -54,6 +62,8 @@ def endings(out: Path | None) -> Iterator[None]:
     except NoTableError as error:
         fail(f"{out} cannot be continued: {error}. It is as it was. Pass another --out, or --overwrite to replace it.")
     except OSError as error:
+        if not resumes:
+            fail(f"{out} cannot be written ({error.strerror or error}).")
         begun = not is_standard_output(out) and any(Path(f"{out}{end}").is_file() for end in ("", JOURNAL))
         advice = " What is scored is kept, and the same command goes on from there." if begun else ""
         fail(f"The table cannot be written ({error.strerror or error}).{advice}")

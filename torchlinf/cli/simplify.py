@@ -15,7 +15,7 @@ from torchlinf.cli.outputs import STATUS, end_if_failed, endings, say
 from torchlinf.cli.progress import cores, progress
 from torchlinf.cli.score_geodata import Crs, Layer, PixelsPerRadius, Repair, Resolution
 from torchlinf.cli.simplify_geodata import simplify_geodata
-from torchlinf.scoring import MAX_PIXELS, Source
+from torchlinf.scoring import JOURNAL, MAX_PIXELS, Source
 
 if TYPE_CHECKING:
     from torchlinf.measure import Measure
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 TABLE = "simplified.csv"  # of a folder of simplified masks
 EPILOG = f"""Masks are PNG, BMP, TIFF (one page) or .npy; other files give a row with an error. Arrays of probabilities
 are priced by their log-odds, and become arrays of 0 and 1; of a mask each pixel that is changed costs 1. Of a label map
-the pixels that are lost become 0, and only pixels of 0 are gained.
+the pixels that are lost become 0, and only pixels of 0 are gained. Pixels that --ignore names are never changed.
 
 {STATUS}"""
 
@@ -70,7 +70,8 @@ def simplify(
         typer.Option("--threshold", "-t", metavar="T", help="Inside is what is greater, in the file's own units."),
     ] = None,
     probability: Annotated[
-        bool, typer.Option("--probability", help="Grey images of 8 or 16 bits are probabilities, white is 1.")
+        bool,
+        typer.Option("--probability", help="Grey images of 8 or 16 bits are probabilities, white is 1; arrays too."),
     ] = False,
     label: Label = None,
     labels: Labels = False,
@@ -105,10 +106,12 @@ def simplify(
     """Make masks simpler: flip regions as long as that lowers the complexity by more than its price.
 
     The masks are written into a folder, under their own names and in their own format, with a table, simplified.csv, of
-    what was changed. Stopped and started again, the same command goes on where it was.
+    what was changed. Stopped and started again, the same command goes on where it was. An empty mask is written as it
+    is. Files of others in the folder are written over with --overwrite alone.
 
     Outlines in one .gpkg, .geojson, .shp or .parquet file are drawn at --resolution, each in its own frame, and written
-    to a file of these kinds with their attributes. Sides that are not changed keep their corners.
+    to a file of these kinds with their attributes. Sides that are not changed keep their corners. The file is written
+    at the end, in one piece: stopped before, nothing is written, and the same command begins anew.
     """
     from torchlinf.scoring import is_geodata
 
@@ -148,6 +151,8 @@ def simplify(
     with endings(table):
         sources = find_sources(paths)
         targets = _targets(paths, sources, out)
+        if not (overwrite or table.exists() or Path(f"{table}{JOURNAL}").exists()):
+            _refuse_others(targets)
         out.mkdir(parents=True, exist_ok=True)
         with open_simplified(table, options, overwrite=overwrite) as (held, put):
             earlier = by_source(held, {source.name for source in sources})
@@ -188,6 +193,16 @@ def _check(rule: dict[str, Any]) -> None:
         simplify_masks(torch.zeros(1, 1, dtype=torch.bool), spatial_ndim=2, **rule)
     except TypeError as error:
         raise ValueError(str(error)) from error
+
+
+def _refuse_others(targets: Sequence[Path]) -> None:
+    """Refuse to write over files where no run has written before."""
+    if there := [target for target in targets if target.exists()]:
+        others = f" and {len(there) - 1} more are" if len(there) > 1 else " is"
+        raise typer.BadParameter(
+            f"{there[0]}{others} there already, without a table of an earlier run; pass --overwrite, or another folder",
+            param_hint="--out",
+        )
 
 
 def _targets(paths: Sequence[Path], sources: Sequence[Source], out: Path) -> list[Path]:

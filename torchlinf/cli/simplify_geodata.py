@@ -55,7 +55,7 @@ def simplify_geodata(
     check_crs(drawing["crs"])
     with (
         threads(workers),
-        endings(out),
+        endings(out, resumes=False),
         progress(0, number_of_parts(file, drawing["layer"]), True, "simplifying") as advance,
     ):
         try:

@@ -291,7 +291,12 @@ def _activation(activation: Activation) -> Callable[[Tensor], Tensor] | None:
         raise TypeError(
             f"activation must be None, a name or a callable; got {activation!r}. Pass for example torch.sigmoid."
         )
-    return ACTIVATIONS[choice(activation, tuple(ACTIVATIONS), "activation")]
+    if activation not in ACTIVATIONS:
+        listed = ", ".join(repr(name) for name in ACTIVATIONS)
+        raise ValueError(
+            f"activation must be None, one of {listed}, or a callable; got {activation!r}. Pass None for probabilities."
+        )
+    return ACTIVATIONS[activation]
 
 
 def _weight(weight: Weight) -> float | tuple[float, ...]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchlinf._helpers.boxes import bounding_box
-from torchlinf._helpers.checks import as_mask, choice, count, flag, fraction, not_negative
+from torchlinf._helpers.checks import as_mask, choice, count, flag, fraction, not_negative, number
 from torchlinf._helpers.parallel import for_each
 from torchlinf._helpers.transfer import to_device, to_host
 from torchlinf.kernels import has_compiler
@@ -25,6 +25,7 @@ from torchlinf.measure import FrameOptions, Measure, WindowOptions, require_fram
 
 __all__ = ["Simplification", "simplify"]
 
+ROUNDED = 1e-2  # so far beyond [0, 1] rounding may bring a probability, in bfloat16
 CERTAIN = 16.0  # log-odds beyond which a prediction is not told apart from certainty, as float32 does not
 MARGIN = 16  # pixels that a shape may grow beyond its box, and an object beyond itself
 SCOPES = ("mask", "object")
@@ -45,7 +46,8 @@ class Simplification:
         num_flips: (*batch) int64.
         before: (*batch) float64, the complexity of the prediction in bits (share of the field's maximum for "std"): of
             each shape, or the mean over its objects; NaN for an empty shape.
-        after: the same of `mask`.
+        after: the same of what each shape, or object, has become. The pieces that an object falls into, where the
+            topology is not kept, count as one; `torchlinf.complexity(mask, per="object")` counts each of them.
         cost: (*batch) float64, the sum of the log-odds (natural logarithm) of the pixels that are changed in the end;
             their number for a mask.
         measure: how complexity was measured.
@@ -85,6 +87,11 @@ def simplify(
 
     A network's logits need no training for it. A `weight` that is too small changes what the network is sure of.
 
+    Of the measure, `rho` must be None or one number, not a tensor; and `orientation` not "mean", since each shape
+    (object) is simplified in one frame. In a frame that is turned the prices are interpolated, and what the flips
+    change is drawn back onto the pixels of the prediction; all others stay as they are. Where that does not pay, or
+    would change the topology, the last half of the flips is left out, and so on.
+
     Args:
         prediction: (B, C, *spatial) with 1 to 4 spatial dimensions, each (b, c) one shape: probabilities in [0, 1], for
             example `torch.sigmoid(logits)`; or a mask, bool or integers of 0 and 1, where each pixel that is changed
@@ -107,10 +114,6 @@ def simplify(
             other label has. A shape may always lose pixels.
         spatial_ndim: if given, that many last dimensions are spatial and all others are batch.
         {measure options}
-            Here rho must be None or one number, not a tensor; and orientation not "mean", since each shape (object) is
-            simplified in one frame. In a frame that is turned the prices are interpolated, and what the flips change is
-            drawn back onto the pixels of the prediction; all others stay as they are. Where that does not pay, or
-            would change the topology, the last half of the flips is left out, and so on.
 
     Returns:
         A `Simplification` on the device of the prediction; the work is done on the CPU. An empty shape stays as it is,
@@ -210,7 +213,10 @@ class _Job:
 
 
 def _share(max_change: float) -> float:
-    return 1.0 if max_change == 1 else fraction(max_change, "max_change")
+    found = number(max_change, "max_change", "a number in (0, 1]")
+    if not 0 < found <= 1:
+        raise ValueError(f"max_change must lie in (0, 1]; got {max_change!r}. Pass for example 0.5.")
+    return found
 
 
 def _prices(
@@ -221,10 +227,7 @@ def _prices(
         (prediction,) = to_host(prediction)
     if isinstance(prediction, Tensor) and prediction.is_floating_point():
         if not bool(((prediction >= 0) & (prediction <= 1)).all()):
-            raise ValueError(
-                f"prediction must hold probabilities in [0, 1]; got values from {float(prediction.min()):.4g} to "
-                f"{float(prediction.max()):.4g}. Pass torch.sigmoid(logits)."
-            )
+            raise ValueError(f"prediction must hold probabilities in [0, 1]; {_beyond(prediction)}.")
         _, batch_shape = as_mask(prediction > threshold, spatial_ndim)
         ndim = prediction.ndim - len(batch_shape)
         probability = prediction.double().reshape(-1, *prediction.shape[prediction.ndim - ndim :])
@@ -235,6 +238,16 @@ def _prices(
         probability = mask.double()
         price = torch.ones_like(probability)
     return probability, (price * STEPS).round().long().numpy(), batch_shape
+
+
+def _beyond(prediction: Tensor) -> str:
+    """Which values of a prediction are no probabilities, and what to do about it."""
+    unknown = prediction.isnan()
+    if bool(unknown.any()):
+        return f"got {int(unknown.sum())} NaN. Pass a number in their place, for example 0 where nothing is known"
+    low, high = float(prediction.min()), float(prediction.max())
+    remedy = "prediction.clamp(0, 1)" if low > -ROUNDED and high < 1 + ROUNDED else "torch.sigmoid(logits)"
+    return f"got values from {low!r} to {high!r}. Pass {remedy}"
 
 
 def _allowed(allowed: Tensor | None, prediction: Tensor) -> NDArray[np.bool_]:

@@ -28,6 +28,7 @@ from torchlinf.scoring.values import UnreadableMaskError, Values
 MAX_PIXELS = 2**26
 
 MAX_LABELS = 2**16  # a label map with more is a picture
+ADVISED = ("--labels", "--label", "--nonzero", "--threshold")  # options that say what is inside
 
 RULE = """\
 Without an option, inside is
@@ -220,7 +221,14 @@ def read_inside(source: Source, reading: Reading) -> Found:
     return found
 
 
-def read_all(source: Source, reading: Reading, *, page: int | None = None, keep: bool = False) -> Iterator[Found]:
+def read_all(
+    source: Source,
+    reading: Reading,
+    *,
+    page: int | None = None,
+    keep: bool = False,
+    advised: Collection[str] = ADVISED,
+) -> Iterator[Found]:
     """The masks of a source: one, or with `labels` and `stack` any number.
 
     Args:
@@ -228,6 +236,7 @@ def read_all(source: Source, reading: Reading, *, page: int | None = None, keep:
         reading: how.
         page: of a stack this mask alone.
         keep: whether to keep the file's numbers until another file is read so: for many calls with one file.
+        advised: which options an error may name where it is not clear what is inside.
 
     Raises:
         UnreadableMaskError: as `read_source`; from the iterator.
@@ -255,7 +264,7 @@ def read_all(source: Source, reading: Reading, *, page: int | None = None, keep:
         values, is_volume = read(source.path, source.member, reading.max_pixels, data, reading.volume), False
     for suffix, numbers in _pages(values, reading, 3 if reading.volume or is_volume else 2, page):
         sizes = _sizes(numbers.spacing, numbers.is_to_scale, numbers.array.ndim, reading)
-        for found in _masks(numbers, reading):
+        for found in _masks(numbers, reading, advised):
             yield found._replace(suffix=suffix + found.suffix, spacing=sizes)
 
 
@@ -329,18 +338,23 @@ def _sizes(
     return sizes
 
 
-def _masks(values: Values, reading: Reading) -> Iterator[Found]:
+def excepted(reading: Reading) -> str:
+    """What --ignore names, in words, to stand behind a rule; empty if it names nothing."""
+    return EXCEPT + ", ".join(map(str, reading.ignored)) if reading.ignored else ""
+
+
+def _masks(values: Values, reading: Reading, advised: Collection[str]) -> Iterator[Found]:
     valid = _valid(values, reading)
     if reading.labels:
         yield from _every_label(_labels(values), valid)
         return
-    inside, rule = _inside(values, valid, reading)
+    inside, rule = _inside(values, valid, reading, advised)
     if reading.invert:
         inside, rule = ~inside, f"not {rule}"
     if valid is not None:
         inside &= valid
-    if reading.ignored and (reading.label is None or reading.invert):
-        rule += EXCEPT + ", ".join(map(str, reading.ignored))
+    if reading.label is None or reading.invert:
+        rule += excepted(reading)
     yield Found("", inside, rule, reading.label, inside.shape)
 
 
@@ -350,13 +364,19 @@ def _valid(values: Values, reading: Reading) -> NDArray[np.bool_] | None:
     if values.array.dtype.kind == "f" and bool((unknown := np.isnan(values.array)).any()):
         valid = ~unknown if valid is None else valid & ~unknown
     if reading.ignored:
-        ids = values.array if values.ids is None else values.ids
-        kept = ~np.isin(ids, reading.ignored)
+        kept = ~is_ignored(values, reading)
         valid = kept if valid is None else valid & kept
     return valid
 
 
-def _inside(values: Values, valid: NDArray[np.bool_] | None, reading: Reading) -> tuple[NDArray[np.bool_], str]:
+def is_ignored(values: Values, reading: Reading) -> NDArray[np.bool_]:
+    """Which pixels have a value that --ignore names."""
+    return np.isin(values.array if values.ids is None else values.ids, reading.ignored)
+
+
+def _inside(
+    values: Values, valid: NDArray[np.bool_] | None, reading: Reading, advised: Collection[str]
+) -> tuple[NDArray[np.bool_], str]:
     ids = values.array if values.ids is None else values.ids
     if reading.threshold is not None:
         return values.array > reading.threshold, above(reading.threshold)
@@ -374,7 +394,7 @@ def _inside(values: Values, valid: NDArray[np.bool_] | None, reading: Reading) -
             return find_inside(array, valid, lossy=True)
         return find_inside(ids, valid)
     except UnclearMaskError as error:
-        raise UnreadableMaskError(_advice(error, values, valid)) from error
+        raise UnreadableMaskError(_advice(error, values, valid, advised)) from error
 
 
 def _dark_and_bright(array: NDArray[Any]) -> bool:
@@ -383,7 +403,7 @@ def _dark_and_bright(array: NDArray[Any]) -> bool:
     return min(dark, bright) > 0.001 and dark + bright > 0.8
 
 
-def _advice(error: UnclearMaskError, values: Values, valid: NDArray[np.bool_] | None) -> str:
+def _advice(error: UnclearMaskError, values: Values, valid: NDArray[np.bool_] | None, advised: Collection[str]) -> str:
     if values.coloured:
         colours, _ = distinct(values.array if values.ids is None else values.ids, valid)
         if values.lossy:
@@ -391,16 +411,24 @@ def _advice(error: UnclearMaskError, values: Values, valid: NDArray[np.bool_] | 
         if values.is_rgb:
             shown = listed(colours)
             return (
-                f"{len(colours)} colours (R + 256 G + 65536 B: {shown}), and inside is not clear: pass --labels for a "
-                f"row each, --label {text(error.example)} for one, --nonzero for all but black, or --threshold for the "
-                "brightest channel"
+                f"{len(colours)} colours (R + 256 G + 65536 B: {shown}), and inside is not clear: pass "
+                f"{_options(advised, error.example, 'black', ' for the brightest channel')}"
             )
     if (isinstance(error.example, float) and not error.example.is_integer()) or values.lossy or "numbers" in str(error):
         return f"{error}, and inside is not clear: pass --threshold"
-    return (
-        f"{error}, and inside is not clear: pass --labels for a row each, --label {text(error.example)} for one, "
-        "--nonzero for all but 0, or --threshold"
-    )
+    return f"{error}, and inside is not clear: pass {_options(advised, error.example, '0')}"
+
+
+def _options(advised: Collection[str], example: int | float, outside: str, of_threshold: str = "") -> str:
+    """What each of some options is for, as a list in words."""
+    purposes = {
+        "--labels": " for a row each",
+        "--label": f" {text(example)} for one",
+        "--nonzero": f" for all but {outside}",
+        "--threshold": of_threshold,
+    }
+    *first, last = [name + purpose for name, purpose in purposes.items() if name in advised]
+    return f"{', '.join(first)}, or {last}" if first else last
 
 
 def _labels(values: Values) -> NDArray[Any]:

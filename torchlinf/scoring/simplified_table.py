@@ -1,9 +1,10 @@
 """The table of simplified masks: rows go into a journal at once, and the table is made of it at the end."""
 
+import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from torchlinf.scoring.journal import JOURNAL, Journal
 from torchlinf.scoring.rows import NoTableError
@@ -36,11 +37,30 @@ def open_simplified(
         rows = {row.path: row for row in _rows(path)} if path.exists() else {}
         _take(rows, journal)
         if other := next((row for row in rows.values() if row.options != options.settings()), None):
-            raise NoTableError(f"its masks were simplified with other options, {other.options}")
+            raise NoTableError(f"its masks were simplified with other options: {_difference(other.options, options)}")
+        if not path.exists():
+            write_lines(path, [SIMPLIFIED])  # so that what is in the folder is known to be of this run, however it ends
         yield dict(rows), journal.append
         _take(rows, journal)
         write_lines(path, [SIMPLIFIED, *(tuple(row.cells().values()) for row in rows.values())])
         journal.clear()
+
+
+def _difference(held: str | None, options: Simplifying) -> str:
+    """Which options of a table are others, with both values."""
+    try:
+        old, new = (_flat(json.loads(text or "")) for text in (held, options.settings()))
+    except (ValueError, AttributeError):
+        return str(held)
+    names = [name for name in {**old, **new} if old.get(name) != new.get(name)]
+    return ", ".join(f"{name} {json.dumps(old.get(name))}, not {json.dumps(new.get(name))}" for name in names)
+
+
+def _flat(settings: Mapping[str, Any]) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in settings.items():
+        flat |= value if isinstance(value, dict) else {name: value}
+    return flat
 
 
 def _take(rows: dict[str, Simplified], journal: Journal) -> None:

@@ -121,13 +121,15 @@ def _values(array: NDArray[Any], page: Any) -> Values:
 
 
 def _valid(array: NDArray[Any], page: Any) -> NDArray[np.bool_] | None:
-    """What is not the nodata value of a GeoTIFF; None if the file names none. NaN is no data in any case."""
+    """What is not the nodata value of a GeoTIFF; None if the file names none."""
     tag = page.tags.get(GDAL_NODATA)
     try:
         nodata = float(str(tag.value).strip(" \0")) if tag is not None else None
     except ValueError:
         return None
-    return None if nodata is None or nodata != nodata else array != nodata
+    if nodata is None or (nodata != nodata and array.dtype.kind != "f"):
+        return None
+    return ~np.isnan(array) if nodata != nodata else array != nodata
 
 
 def _spacing(tiff: Any, page: Any, ndim: int) -> tuple[float, ...] | None:
