@@ -286,7 +286,11 @@ def flipped(mask: NDArray[np.bool_], flips: Sequence[Pixels]) -> tuple[NDArray[n
 
 
 class Topology:
-    """A mask in 1-D or 2-D of which it can be told whether a flip keeps its topology, and cuts no slit."""
+    """A mask in 1-D or 2-D of which it can be told whether a flip keeps its topology, and draws no slit and no spike.
+
+    Topology allows slits that come from the outside, and spikes. They are those of `simple_flips.has_slit`, against the
+    mask that was given at first.
+    """
 
     def __init__(self, mask: NDArray[np.bool_]) -> None:
         from torchlinf.kernels.simple_flips import simple_neighbourhoods
