@@ -412,7 +412,7 @@ def test_the_operator_keeps_its_promises(rho: float | None) -> None:
     ("options", "error", "words"),
     [
         ({"low": 0.5, "high": 0.5}, ValueError, "low < high"),
-        ({"activation": "tanh"}, ValueError, "activation must be one of"),
+        ({"activation": "none"}, ValueError, "activation must be None, one of 'sigmoid', 'softmax', or a callable"),
         ({"activation": 3}, TypeError, "activation must be None"),
         ({"reduction": "max"}, ValueError, "reduction must be one of"),
         ({"low": "a"}, TypeError, "low must be a number"),
