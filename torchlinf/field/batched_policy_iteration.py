@@ -6,7 +6,8 @@ Some sweeps, then the values that the policies lead to, in turn, as the compiled
 import torch
 from torch import Tensor
 
-from torchlinf.field.certificate import certify
+from torchlinf._helpers.ties import equal_within_each
+from torchlinf.field.certificate import RESOLUTION, certify
 from torchlinf.field.distance import distance_of
 from torchlinf.field.iterate import NEVER, ended, groups, unsolved
 from torchlinf.field.policy_graph import Pixels, solve_policies
@@ -50,7 +51,7 @@ class _Rounds:
         self.system = System(self.layout, inside, problem.screening[:, None], problem.radius.long(), problem.compile)
         values = self.layout.rows(self.layout.pack(start(problem)))
         self.largest = values.amax(dim=1)
-        self.bound = torch.full_like(self.largest, torch.inf)
+        self.bound = self.last = torch.full_like(self.largest, torch.inf)
         self._begin(values)
         self.best = values
 
@@ -88,7 +89,7 @@ class _Rounds:
 
     def _certify(self, tol: float, answer: FieldSolution, sweeps: int) -> None:
         """Keep what is better than the best, and let go of the shapes that are solved or have used up their sweeps."""
-        bound = certify(self.system.residual(self.line))
+        self.last = bound = certify(self.system.residual(self.line))
         self.done += sweeps + 1
         better = bound < self.bound
         self.bound = torch.where(better, bound, self.bound)
@@ -108,13 +109,15 @@ class _Rounds:
         self.problem, self.shape = self.problem.select(keep), self.shape[keep]
         self.limit, self.done, self.solves = self.limit[keep], self.done[keep], self.solves[keep]
         self.largest, self.bound, self.best = self.largest[keep], self.bound[keep], self.best[keep]
+        self.last = bound[keep]
         if len(keep):
             self.system = self.system.select(keep)
             self._begin(values.index_select(0, keep))
 
     def _solve_policies(self, first: bool) -> None:
         highs, lows = self.system.partial_extrema(self.line)
-        tie = self.largest * max(TIE, 32 * torch.finfo(self.line.dtype).eps)
+        eps = torch.finfo(self.line.dtype).eps
+        tie = equal_within_each(self.largest * max(TIE, 32 * eps), self.last, self.largest * RESOLUTION * eps)
         if first:
             tie = torch.where(self.problem.radius > COARSEST, tie.clamp(min=FIRST_TIE * self.largest), tie)
         found = solve_policies(self.pixels, tie, highs, lows, self.layout.strides)
