@@ -3,6 +3,8 @@
 Some sweeps, then the values that the policies lead to, in turn, as the compiled method does it.
 """
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
@@ -12,12 +14,15 @@ from torchlinf.field.distance import distance_of
 from torchlinf.field.iterate import NEVER, ended, groups, unsolved
 from torchlinf.field.policy_graph import Pixels, solve_policies
 from torchlinf.field.problem import Problem
+from torchlinf.field.smooth import smooth
 from torchlinf.field.solution import FieldSolution
 from torchlinf.field.start import start
 from torchlinf.field.stencil import Layout, System
 
 SWEEPS = 24  # before each linear solve, doubled after every ROUNDS of these
+FIRST_SWEEPS = 128  # before the first one where that is known from half the side: in float32, at 0.4 times the cost
 ROUNDS = 6
+CAREFUL = 12  # rounds after which sweeps have no momentum: then they converge from anywhere
 CERTIFIED = 3  # rounds after which sweeps are certified too: where linear solves fail or round more, sweeps converge
 ROUGH = 1e-3  # a tolerance that sweeps may reach before any linear solve
 COARSEST = 12  # radius up to which no coarser grid is worth its while
@@ -30,9 +35,41 @@ GROUP_PIXELS = 1 << 18  # on a CPU: calls are worth their while, and storage com
 def solve_batched(problem: Problem, tol: float, max_sweeps: int | None) -> FieldSolution:
     """Solve all shapes, on a CPU in groups of bounded memory."""
     answer = unsolved(problem.radius, problem.screening.new_zeros(problem.mask.shape))
-    for group in groups(problem, GROUP_PIXELS // max(1, problem.mask[:1].numel())):
-        _Rounds(problem.select(group), group, max_sweeps).solve(tol, answer)
+    size = GROUP_PIXELS // max(1, problem.mask[:1].numel())
+    large = problem.radius > COARSEST
+    for group in groups((problem.radius > 0) & ~large, size):
+        _Rounds(problem.select(group), group, max_sweeps).solve(tol, answer, None)
+    index = large.nonzero()[:, 0]
+    if len(index):
+        coarse = _coarse(problem.select(index)) if max_sweeps is None else None
+        for group in groups(large, size):
+            found = None if coarse is None else coarse.select(torch.searchsorted(index, group))
+            _Rounds(problem.select(group), group, max_sweeps).solve(tol, answer, found)
     return answer
+
+
+@dataclass(frozen=True)
+class _Coarse:
+    """What is known from half the side: the ratio of field to start, 0 outside, and the sweeps that this took."""
+
+    ratio: Tensor
+    sweeps: Tensor
+
+    def select(self, keep: Tensor) -> "_Coarse":
+        """That of the shapes with these indices."""
+        return _Coarse(self.ratio[keep], self.sweeps[keep])
+
+
+def _coarse(fine: Problem) -> _Coarse:
+    """Solve at half the side, in float32: it is no more than a start."""
+    mask = _half(fine.mask)
+    distance = distance_of(mask)
+    radius = distance.flatten(1).amax(dim=1)
+    screening = (4 * fine.screening).clamp(1e-30, 1e30).float()  # beyond these it is as if it were 0 or infinite
+    coarse = Problem(mask, distance, radius, screening, fine.compile)
+    solution = solve_batched(coarse, COARSE_TOL, None)
+    share = mask.flatten(1).sum(dim=1) / fine.mask.flatten(1).sum(dim=1)
+    return _Coarse(torch.where(mask, solution.value / start(coarse), 0), share * solution.num_sweeps)
 
 
 class _Rounds:
@@ -66,24 +103,26 @@ class _Rounds:
         rank = own - (self.count.cumsum(0) - self.count).index_select(0, shape)
         self.pixels = Pixels(place, shape, rank, index, self.problem.screening)
 
-    def solve(self, tol: float, answer: FieldSolution) -> None:
+    def solve(self, tol: float, answer: FieldSolution, coarse: _Coarse | None) -> None:
         """Work until no shape is left; write each into `answer` when it leaves."""
+        group = self.shape
         self._certify(tol, answer, 0)
-        if len(self.shape) and self.max_sweeps is None:
-            self._start_from_coarse()
+        if len(self.shape) and coarse is not None:
+            self._start_from(coarse.select(torch.searchsorted(group, self.shape)))
         number = 0
         while len(self.shape):
             sweeps = SWEEPS * 2 ** (number // ROUNDS)
             if self.max_sweeps is not None:
                 sweeps = min(sweeps, max(0, self.max_sweeps - int(self.done.max()) - 1))
-            sweep = self.system.sweeps(self.line)
-            for _ in range(sweeps):
-                sweep()
+            if number == 0 and coarse is not None:
+                sweeps = 0  # they are done
+            else:
+                self.line = smooth(self.system, self.line, sweeps, momentum=number < CAREFUL)
             if tol >= ROUGH or number >= CERTIFIED:
                 self._certify(tol, answer, sweeps)
                 sweeps = 0
             if len(self.shape):
-                self._solve_policies(first=number == 0)
+                self._solve_policies(first=number == 0 and bool(coarse))
                 self._certify(tol, answer, sweeps)
             number += 1
 
@@ -119,31 +158,21 @@ class _Rounds:
         eps = torch.finfo(self.line.dtype).eps
         tie = equal_within_each(self.largest * max(TIE, 32 * eps), self.last, self.largest * RESOLUTION * eps)
         if first:
-            tie = torch.where(self.problem.radius > COARSEST, tie.clamp(min=FIRST_TIE * self.largest), tie)
+            tie = tie.clamp(min=FIRST_TIE * self.largest)
         found = solve_policies(self.pixels, tie, highs, lows, self.layout.strides)
         # without screening to speak of, wrong policies may have no values: sweeps go on from those that are there
         self.line[self.pixels.place] = torch.where(found.isfinite(), found, self.line[self.pixels.place])
         self.solves += 1
 
-    def _start_from_coarse(self) -> None:
-        """Scale the start of large shapes by the ratio of field to start at half the side."""
-        large = (self.problem.radius > COARSEST).nonzero()[:, 0]
-        if not len(large):
-            return
-        fine = self.problem.select(large)
-        mask = _half(fine.mask)
-        distance = distance_of(mask)
-        radius = distance.flatten(1).amax(dim=1)
-        coarse = Problem(mask, distance, radius, 4 * fine.screening, fine.compile)
-        solution = solve_batched(coarse, COARSE_TOL, None)
-        ratio = torch.where(mask, solution.value / start(coarse), 0)
+    def _start_from(self, coarse: _Coarse) -> None:
+        """Scale the start by the ratio at half the side, and sweep for the first time, in float32."""
+        ratio = coarse.ratio
         for dim in range(1, ratio.ndim):
-            ratio = ratio.repeat_interleave(2, dim).narrow(dim, 0, fine.mask.shape[dim])
-        values = start(self.problem)
-        values[large] *= ratio
-        share = mask.flatten(1).sum(dim=1) / self.count[large]
-        self.done[large] += share * solution.num_sweeps
-        self.line = self.layout.pack(values)
+            ratio = ratio.repeat_interleave(2, dim).narrow(dim, 0, self.problem.mask.shape[dim])
+        self.done += coarse.sweeps + FIRST_SWEEPS
+        system = self.system.float()
+        line = self.layout.pack(start(self.problem).float().mul_(ratio))
+        self.line = smooth(system, line, FIRST_SWEEPS, momentum=True).to(self.line)
 
 
 def _half(mask: Tensor) -> Tensor:
