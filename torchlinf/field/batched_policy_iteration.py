@@ -89,19 +89,19 @@ class _Rounds:
         values = self.layout.rows(self.layout.pack(start(problem)))
         self.largest = values.amax(dim=1)
         self.bound = self.last = torch.full_like(self.largest, torch.inf)
-        self._begin(values)
+        self.line = self.layout.line(values)
+        self.pixels: Pixels | None = None  # numbered when they are first asked for
         self.best = values
 
-    def _begin(self, values: Tensor) -> None:
-        """Put the values of all shapes on a line, and number their pixels there."""
-        self.line = self.layout.line(values)
+    def _numbered(self) -> Pixels:
+        """The pixels of all shapes on the line."""
         shape, pixel = self.system.inside.nonzero(as_tuple=True)
         place = shape * self.layout.pixels + pixel + self.layout.guard
         own = torch.arange(len(place), device=place.device)
         index = torch.full_like(self.line, len(place), dtype=torch.int64).scatter_(0, place, own)
-        self.count = torch.zeros_like(self.solves).index_add_(0, shape, torch.ones_like(shape))
-        rank = own - (self.count.cumsum(0) - self.count).index_select(0, shape)
-        self.pixels = Pixels(place, shape, rank, index, self.problem.screening)
+        count = torch.zeros_like(self.solves).index_add_(0, shape, torch.ones_like(shape))
+        rank = own - (count.cumsum(0) - count).index_select(0, shape)
+        return Pixels(place, shape, rank, index, self.problem.screening)
 
     def solve(self, tol: float, answer: FieldSolution, coarse: _Coarse | None) -> None:
         """Work until no shape is left; write each into `answer` when it leaves."""
@@ -117,7 +117,9 @@ class _Rounds:
             if number == 0 and coarse is not None:
                 sweeps = 0  # they are done
             else:
-                self.line = smooth(self.system, self.line, sweeps, momentum=number < CAREFUL)
+                self.line = smooth(
+                    self.system, self.line, sweeps, momentum=number < CAREFUL and (number > 0 or tol >= ROUGH)
+                )
             if tol >= ROUGH or number >= CERTIFIED:
                 self._certify(tol, answer, sweeps)
                 sweeps = 0
@@ -151,7 +153,7 @@ class _Rounds:
         self.last = bound[keep]
         if len(keep):
             self.system = self.system.select(keep)
-            self._begin(values.index_select(0, keep))
+            self.line, self.pixels = self.layout.line(values.index_select(0, keep)), None
 
     def _solve_policies(self, first: bool) -> None:
         highs, lows = self.system.partial_extrema(self.line)
@@ -159,9 +161,11 @@ class _Rounds:
         tie = equal_within_each(self.largest * max(TIE, 32 * eps), self.last, self.largest * RESOLUTION * eps)
         if first:
             tie = tie.clamp(min=FIRST_TIE * self.largest)
+        self.pixels = self.pixels or self._numbered()
         found = solve_policies(self.pixels, tie, highs, lows, self.layout.strides)
         # without screening to speak of, wrong policies may have no values: sweeps go on from those that are there
-        self.line[self.pixels.place] = torch.where(found.isfinite(), found, self.line[self.pixels.place])
+        found = torch.where(found.isfinite(), found, self.line.index_select(0, self.pixels.place))
+        self.line.scatter_(0, self.pixels.place, found)
         self.solves += 1
 
     def _start_from(self, coarse: _Coarse) -> None:
