@@ -1,6 +1,7 @@
 """Policy iteration in torch operations, method="batched": all shapes at once, coarse to fine, on any device.
 
-Some sweeps, then the values that the policies lead to, in turn, as the compiled method does it.
+Some sweeps, then the values that the policies lead to, in turn, as the compiled method does it. Sweeps have momentum,
+and are in float32 where the field is still rough: on coarse grids, and before the first solve on a fine one.
 """
 
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ CAREFUL = 12  # rounds after which sweeps have no momentum: then they converge f
 CERTIFIED = 3  # rounds after which sweeps are certified too: where linear solves fail or round more, sweeps converge
 ROUGH = 1e-3  # a tolerance that sweeps may reach before any linear solve
 COARSEST = 12  # radius up to which no coarser grid is worth its while
-COARSE_TOL = 0.1
+COARSE_TOL = 0.1  # residual beyond which a coarse field would be no better a start
 TIE = 1e-11  # share of the start's maximum within which neighbours are equal: rounding, not geometry
 FIRST_TIE = 1e-6  # the same in the first solve on a fine grid, whose field is rough: it has a third fewer unknowns so
 GROUP_PIXELS = 1 << 18  # on a CPU: calls are worth their while, and storage comes from the heap
@@ -117,9 +118,8 @@ class _Rounds:
             if number == 0 and coarse is not None:
                 sweeps = 0  # they are done
             else:
-                self.line = smooth(
-                    self.system, self.line, sweeps, momentum=number < CAREFUL and (number > 0 or tol >= ROUGH)
-                )
+                momentum = number < CAREFUL and (number > 0 or tol >= ROUGH)  # to noise the first sweeps are enough
+                self.line = smooth(self.system, self.line, sweeps, momentum=momentum)
             if tol >= ROUGH or number >= CERTIFIED:
                 self._certify(tol, answer, sweeps)
                 sweeps = 0

@@ -15,7 +15,7 @@ def smooth(system: System, line: Tensor, sweeps: int, *, momentum: bool) -> Tens
     as in `AcceleratedValueIteration`.
     """
     rows = system.layout.rows
-    r = (system.least_screening + (math.pi / (2 * system.radius[:, None])) ** 2).sqrt().clamp(max=1)
+    r = (system.least_screening + (math.pi / (2 * system.radius[:, None].to(line))) ** 2).sqrt().clamp(max=1)
     most = (1 - r) / (1 + r)
     present, other = ((one, system.sweeps(one)) for one in (line, torch.zeros_like(line)))
     for pair in range(1, sweeps // 2 + 1):
