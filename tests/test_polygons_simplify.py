@@ -204,6 +204,16 @@ def test_flips_gain_nothing_of_a_neighbour() -> None:
     assert simplify([parts], resolution=0.25, weight=3.0)["changed"][0] == 16
 
 
+def test_what_a_new_side_takes_of_a_neighbour_is_cut_off() -> None:
+    """Less than half a pixel of the notch is the lodger's: no pixel's centre, so the notch is filled but for that."""
+    house, lodger = shapely.difference(HOUSE, NOTCH), shapely.box(3, 7.9, 4, 10)
+    house, lodger = (affinity.rotate(shape, 20, origin=(0, 0)) for shape in (house, lodger))
+    table = simplify([house, lodger], resolution=0.25, weight=3.0)
+    assert (table["changed"][0], table["after"][0], table["changed"][1]) == (16, 0.0, 0)
+    assert overlap(table["geometry"]) < 1e-6
+    assert table["area_after"] == pytest.approx([96 - 0.1, 2.1], abs=1e-6)
+
+
 def test_of_two_that_gain_the_same_the_later_one_stays_as_it_was() -> None:
     """They cross, and have a hole in common that both would fill."""
     hole, options = shapely.box(9, 4, 10, 5), {"resolution": 0.25, "weight": 3.0, "keep_topology": False}

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchlinf.polygons.drawing import Edges, Grid, draw_on, turn
+from torchlinf.polygons.geometries import polygons_of
 
 SLIGHT = 1e-6  # of the smaller outline: more overlap than that is not rounding
 
@@ -26,12 +27,13 @@ class Neighbours:
     def __init__(self, shapes: Shapes, owner: Indices, edges: Edges, angles: NDArray[np.float64]) -> None:
         import shapely
 
-        self._edges, self._angles = edges, angles
+        self._shapes, self._edges, self._angles = shapes, edges, angles
         frames = np.full(len(shapes), None)
-        for i in np.flatnonzero(~shapely.is_missing(shapes)):
-            ends = turn(edges[i], angles[i])
-            frame = shapely.box(*ends.min(axis=(0, 1)), *ends.max(axis=(0, 1)))
-            frames[i] = shapely.transform(frame, lambda points, i=i: turn(points, -angles[i]) + edges.centres[i])
+        for i in np.flatnonzero(~shapely.is_missing(shapes)).tolist():
+            angle, centre = angles[i], edges.centres[i]
+            ends = turn(edges[i], angle)
+            corners = shapely.get_coordinates(shapely.box(*ends.min(axis=(0, 1)), *ends.max(axis=(0, 1))))
+            frames[i] = shapely.Polygon(turn(corners, -angle) + centre)
         # All pixels that an outline may gain lie in the box of its frame.
         mine, other = shapely.STRtree(shapes).query(frames, predicate="intersects")
         apart = owner[mine] != owner[other]
@@ -43,8 +45,27 @@ class Neighbours:
         """The pixels of the grid of a polygon whose centre is inside of a neighbour."""
         found = np.zeros((grid.height, grid.width), np.bool_)
         centres = self._edges.centres
-        for j in self._others[self._first[i] : self._first[i + 1]]:
+        for j in self._of(i):
             found |= draw_on(grid, turn(self._edges[j] + (centres[j] - centres[i]), self._angles[i]))
+        return found
+
+    def cut(self, i: int, outline: Any) -> Any:
+        """A new outline of a polygon without what it has gained of its neighbours, less than half a pixel deep.
+
+        No pixel's centre is in that if none was gained in a neighbour. The outline itself if that is next to nothing,
+        or if it would not have as many parts and holes.
+        """
+        import shapely
+
+        taken = shapely.difference(shapely.union_all(self._shapes[self._of(i)]), self._shapes[i])
+        if shapely.area(shapely.intersection(outline, taken)) <= SLIGHT * shapely.area(self._shapes[i]):
+            return outline
+        rest = polygons_of(shapely.difference(outline, taken))
+        counts = [(shapely.get_num_geometries(one), len(shapely.get_rings(one))) for one in (rest, outline)]
+        return rest if counts[0] == counts[1] and shapely.is_valid(rest) else outline
+
+    def _of(self, i: int) -> Indices:
+        found: Indices = self._others[self._first[i] : self._first[i + 1]]
         return found
 
 

@@ -79,8 +79,8 @@ def simplify(
             gets as few straight sides as stay so near to it. Each side is fitted to its part of the outline by least
             squares; it lies along the frame of the long sides where the tolerance lets it, else it keeps its own
             direction. Nothing of the outline is farther than this from the new one; corners, where two sides cross, may
-            lie sqrt(2) times as far from the old one. Holes and parts stay. 0.85 pixels of the raster that was traced is
-            right for stairs; more takes small notches too. With weight=1e9 nothing else is done.
+            lie sqrt(2) times as far from the old one. Holes and parts stay. 0.85 pixels of the raster that was traced
+            is right for stairs; more takes small notches too. With weight=1e9 nothing else is done.
         repair: whether invalid geometries are made valid by shapely's `make_valid` first.
         max_pixels: an outline that needs a larger drawing is refused.
         errors: "row", what cannot be simplified has None for a geometry and the reason in "error"; or "raise".
@@ -200,7 +200,7 @@ def _simplified(
                 outline = shapely.transform(shapes[i], lambda points: grid.pixels(turn(points - centre, angle)))
                 outline = flipped_outline(outline, before, after)
                 outline = shapely.transform(outline, lambda points: turn(grid.points(points), -angle) + centre)
-                columns["geometry"][i] = restored(outline, shapes[i], side)
+                columns["geometry"][i] = neighbours.cut(i, restored(outline, shapes[i], side))
         except TooLargeError as error:
             columns["error"][i] = str(error)
             return
@@ -240,8 +240,8 @@ def _joined(
     for i in range(number):
         own = slice(first[i], first[i + 1])
         rows["seconds"][i] = columns["seconds"][own].sum()
-        drawn = first[i] + np.flatnonzero(np.equal(columns["unseen"][own], None))
-        unseen = [] if len(drawn) else list(columns["unseen"][own])
+        drawn = [k for k in range(own.start, own.stop) if columns["unseen"][k] is None]
+        unseen = [] if drawn else list(columns["unseen"][own])
         rows["error"][i] = next((error for error in [*columns["error"][own], *unseen] if error is not None), None)
         if rows["error"][i] is not None:
             rows["geometry"][i], rows["objects"][i] = None, 0
