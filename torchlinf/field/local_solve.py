@@ -76,7 +76,7 @@ class LocalSolve:
         starts, ends = np.empty((2, size), np.int64)
         self.field = local_flips.Field(
             self.v, grid.rows, float(shape.screening), float(self.tol), PASSES, ROUNDS, int(SHARE * grid.pixels),
-            TIE * self._largest, NOISE, up, down, factors, owner, path, np.zeros(size, np.uint8), active,
+            TIE * self._largest, solved.finest, NOISE, up, down, factors, owner, path, np.zeros(size, np.uint8), active,
             np.empty(size), beside, starts, ends, np.zeros(local_flips.ALL_STATES, np.int64),
         )  # fmt: skip
 

@@ -5,6 +5,7 @@ after pixels are removed every value falls, after pixels are filled every value 
 residual is left, and nowhere else.
 """
 
+from torchlinf._helpers.ties import equal_within
 from torchlinf.kernels.compiler import inlined, kernel
 from torchlinf.kernels.policy_system import follow_chains
 
@@ -14,6 +15,8 @@ LISTED, SOLVES, END, SIZE, CHAINS = range(5)
 STATES = 6
 SOLVED, UNSOLVED, AT_CYCLE = range(3)  # how it ended: at a cycle it is to be called again when that is solved
 UNLISTED, PRESENT, LOOKED_AT = range(3)  # values of `listed`
+
+_equal_within = inlined(equal_within)
 
 
 @inlined
@@ -61,13 +64,14 @@ def begin(v, distance, removed, filled, block, listed, active, old, state):  # t
 
 @kernel
 def advance(  # type: ignore[no-untyped-def]
-    v, distance, block, rows, screening, tol, passes, rounds, limit, tie, noise, up, down, factors, owner, path, listed,
-    active, old, beside, starts, ends, state,
+    v, distance, block, rows, screening, tol, passes, rounds, limit, tie, finest, noise, up, down, factors, owner, path,
+    listed, active, old, beside, starts, ends, state,
 ):  # fmt: skip
     """Relax and solve in turn until every residual on and beside the list is at most `tol`; returns the largest one.
 
-    It gives up after `rounds` solves, or where more than `limit` pixels are listed. Within `tie`, or within the share
-    `noise` of the residual, neighbours are equal. `up`, `down` and `owner` are 0 outside the list. The rest is scratch.
+    It gives up after `rounds` solves, or where more than `limit` pixels are listed. What neighbours are equal within is
+    `equal_within(tie, residual, finest)`, or the share `noise` of the residual. `up`, `down` and `owner` are 0 outside
+    the list. The rest is scratch.
     """
     count = state[LISTED]
     residual = 0.0
@@ -85,9 +89,8 @@ def advance(  # type: ignore[no-untyped-def]
                     break
             if count > limit or state[SOLVES] == rounds:
                 break
-            state[SIZE] = _choose(
-                v, distance, block, rows, max(tie, noise * residual), active, count, up, down, starts, ends
-            )
+            near = max(_equal_within(tie, residual, finest), noise * residual)
+            state[SIZE] = _choose(v, distance, block, rows, near, active, count, up, down, starts, ends)
             state[CHAINS], state[CHAINS + 1] = 0, -1
             state[SOLVES] += 1
         resumed = False
