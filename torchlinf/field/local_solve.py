@@ -17,6 +17,7 @@ from torchlinf.field.policy_iteration import NOISE, TIE, PolicyIteration
 from torchlinf.kernels import local_field, local_flips
 from torchlinf.kernels.grid import make_grid
 from torchlinf.kernels.policy_system import PolicySystem
+from torchlinf.kernels.strong_components import SEARCHED
 
 PASSES = 3  # over the list before each linear solve
 ROUNDS = 16  # linear solves after which the flip is left to a complete solve
@@ -71,13 +72,14 @@ class LocalSolve:
         trail, old, parts = np.empty((3, 2 * size), np.int32)
         counts = np.bincount(self.distance, minlength=max(grid.shape) + 1)
         self.distances = local_flips.Distances(self.distance, grid.block, counts, trail, old, parts)
-        up, down, factors, owner, path = self._system.scratch
+        up, down, factors, owner, path, chains = self._system.scratch
         active, beside = np.empty((2, size), np.int32)
         starts, ends = np.empty((2, size), np.int64)
         self.field = local_flips.Field(
             self.v, grid.rows, float(shape.screening), float(self.tol), PASSES, ROUNDS, int(SHARE * grid.pixels),
-            TIE * self._largest, NOISE, up, down, factors, owner, path, np.zeros(size, np.uint8), active,
-            np.empty(size), beside, starts, ends, np.zeros(local_flips.ALL_STATES, np.int64),
+            TIE * self._largest, NOISE, up, down, factors, owner, path, chains, np.zeros(SEARCHED, np.int64),
+            np.zeros(size, np.uint8), active, np.empty(size), beside, starts, ends,
+            np.zeros(local_flips.ALL_STATES, np.int64),
         )  # fmt: skip
 
     def apply(self, pixels: NDArray[np.int32], check: Callable[[], None]) -> Change:
@@ -107,10 +109,9 @@ class LocalSolve:
         local_flips.settle(self.distances, self.field, False)
         self.radius, self.bound = self._last.radius, self._last.bound
 
-    def solve_cycle(self, residual: float) -> None:
-        """Solve the cycle of policies that `local_flips` has stopped at."""
-        tol = max(NOISE * residual, 1e-13 * self._largest)
-        self._system.solve_cycle(self.v, self.field.state[local_field.CHAINS :], tol)
+    def solve_left_over(self, residual: float) -> None:
+        """Solve the cycle of policies that `local_flips` has left over."""
+        self._system.solve_left_over(self.v, self.field.search, max(NOISE * residual, 1e-13 * self._largest))
 
     def whole(self, tol: float, check: Callable[[], None]) -> PolicyIteration:
         """After a flip that was not solved and has left the radius as it was: a solve of all of the shape.
@@ -129,6 +130,6 @@ class LocalSolve:
         while True:
             check()
             residual: float = local_flips.solve(self.distances, self.field)
-            if state[local_field.END] != local_field.AT_CYCLE:
+            if state[local_field.END] != local_field.LEFT_OVER:
                 return residual if state[local_field.END] == local_field.SOLVED else np.inf
-            self.solve_cycle(residual)
+            self.solve_left_over(residual)

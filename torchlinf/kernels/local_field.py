@@ -6,13 +6,14 @@ residual is left, and nowhere else.
 """
 
 from torchlinf.kernels.compiler import inlined, kernel
-from torchlinf.kernels.policy_system import follow_chains
+from torchlinf.kernels.policy_system import follow_all
+from torchlinf.kernels.strong_components import MEMBERS
 
 # Places of `state`: how many pixels are listed, and solves done; how `advance` ended; how many pixels are being solved
-# for, and from CHAINS on what `follow_chains` keeps.
+# for, and from CHAINS on what `follow_all` keeps.
 LISTED, SOLVES, END, SIZE, CHAINS = range(5)
 STATES = 6
-SOLVED, UNSOLVED, AT_CYCLE = range(3)  # how it ended: at a cycle it is to be called again when that is solved
+SOLVED, UNSOLVED, LEFT_OVER = range(3)  # how it ended; where a cycle is left over, to be called again with that solved
 UNLISTED, PRESENT, LOOKED_AT = range(3)  # values of `listed`
 
 
@@ -61,8 +62,8 @@ def begin(v, distance, removed, filled, block, listed, active, old, state):  # t
 
 @kernel
 def advance(  # type: ignore[no-untyped-def]
-    v, distance, block, rows, screening, tol, passes, rounds, limit, tie, noise, up, down, factors, owner, path, listed,
-    active, old, beside, starts, ends, state,
+    v, distance, block, rows, screening, tol, passes, rounds, limit, tie, noise, up, down, factors, owner, path, chains,
+    search, listed, active, old, beside, starts, ends, state,
 ):  # fmt: skip
     """Relax and solve in turn until every residual on and beside the list is at most `tol`; returns the largest one.
 
@@ -71,7 +72,7 @@ def advance(  # type: ignore[no-untyped-def]
     """
     count = state[LISTED]
     residual = 0.0
-    resumed = state[END] == AT_CYCLE
+    resumed = state[END] == LEFT_OVER
     state[END] = UNSOLVED
     while True:
         if not resumed:
@@ -92,8 +93,11 @@ def advance(  # type: ignore[no-untyped-def]
             state[SOLVES] += 1
         resumed = False
         size = state[SIZE]
-        if follow_chains(v, starts[:size], ends[:size], up, down, factors, screening, owner, path, state[CHAINS:]):
-            state[END] = AT_CYCLE
+        follow_all(
+            v, starts[:size], ends[:size], up, down, factors, screening, owner, path, chains, state[CHAINS:], search
+        )
+        if search[MEMBERS] > 0:
+            state[END] = LEFT_OVER
             break
         residual, count = _measure(v, distance, block, rows, screening, tol, listed, active, old, count, beside)
         if residual <= tol:

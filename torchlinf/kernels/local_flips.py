@@ -9,14 +9,14 @@ import numpy as np
 
 from torchlinf.kernels import local_distance, local_field, local_histograms
 from torchlinf.kernels.compiler import kernel
-from torchlinf.kernels.local_field import AT_CYCLE, END, LISTED, SOLVED, STATES
+from torchlinf.kernels.local_field import LEFT_OVER, END, LISTED, SOLVED, STATES
 
 # Places of `Field.state` behind those of `local_field`: how a flip ended; how many distances have changed; the radius;
 # how many pixels of the histograms have moved.
 FLIP, SHIFTED, RADIUS, PLACED = range(STATES, STATES + 4)
 ALL_STATES = STATES + 4
 # How a flip ended: well; with another radius, and nothing solved; unsolved; with levels that need a count of the whole,
-# since a pixel is in doubt or the peak has moved; at a cycle, to be called again when that is solved.
+# since a pixel is in doubt or the peak has moved; at a cycle that is left over, to be called again when it is solved.
 DONE, OTHER_RADIUS, NOT_SOLVED, NOT_COUNTED, CYCLE = range(5)
 
 Array = np.ndarray[Any, Any]
@@ -50,6 +50,8 @@ class Field(NamedTuple):
     factors: Array
     owner: Array
     path: Array
+    chains: Array
+    search: Array
     listed: Array
     active: Array
     old: Array
@@ -100,7 +102,7 @@ def try_each(distances, field, histograms, pixels, starts, first, hold, radius, 
         residual = solve(distances, field)
         bounds[k] = residual
         if state[END] != SOLVED:
-            state[FLIP] = CYCLE if state[END] == AT_CYCLE else NOT_SOLVED
+            state[FLIP] = CYCLE if state[END] == LEFT_OVER else NOT_SOLVED
             return k
         bounds[k] = max(bound, residual)
         if not _count(distances, field, histograms, values[k]):
@@ -143,7 +145,8 @@ def solve(distances, field):  # type: ignore[no-untyped-def]
     return local_field.advance(
         field.v, distances.distance, distances.block, field.rows, field.screening, field.tol, field.passes,
         field.rounds, field.limit, field.tie, field.noise, field.up, field.down, field.factors, field.owner,
-        field.path, field.listed, field.active, field.old, field.beside, field.starts, field.ends, field.state,
+        field.path, field.chains, field.search, field.listed, field.active, field.old, field.beside, field.starts,
+        field.ends, field.state,
     )  # fmt: skip
 
 

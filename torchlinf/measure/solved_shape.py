@@ -211,7 +211,7 @@ class SolvedShape:
             )  # fmt: skip
             if state[kernels.FLIP] != kernels.CYCLE:
                 break
-            field.solve_cycle(bounds[done])
+            field.solve_left_over(bounds[done])
         exact = np.zeros(values.shape[1])
         found = [SolvedLevels(values[i], exact, float(bounds[i]), True) for i in range(done)]
         if done == len(flips):
