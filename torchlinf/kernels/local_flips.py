@@ -9,7 +9,7 @@ import numpy as np
 
 from torchlinf.kernels import local_distance, local_field, local_histograms
 from torchlinf.kernels.compiler import kernel
-from torchlinf.kernels.local_field import LEFT_OVER, END, LISTED, SOLVED, STATES
+from torchlinf.kernels.local_field import END, LEFT_OVER, LISTED, SOLVED, STATES
 
 # Places of `Field.state` behind those of `local_field`: how a flip ended; how many distances have changed; the radius;
 # how many pixels of the histograms have moved.

@@ -96,7 +96,8 @@ class PolicySystem:
 def follow_all(v, starts, ends, up, down, factors, screening, owner, path, chains, state, search):  # type: ignore[no-untyped-def]
     """Solve chain by chain and cycle by cycle, until one is left over, as `search` says; returns the cycles' unknowns.
 
-    When that one is solved, this is to be called again. Cycles are many and mostly small, so that a return to Python at each would cost as much as they do.
+    When that one is solved, this is to be called again. Cycles are many and mostly small, so that a return to Python at
+    each would cost as much as they do.
     """
     unknowns = 0
     while search[MEMBERS] > 0 or follow_chains(v, starts, ends, up, down, factors, screening, owner, path, state):
