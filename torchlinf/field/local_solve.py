@@ -65,19 +65,18 @@ class LocalSolve:
         self.tol = max(solved.bound, min(max(2 * solved.bound, solved.finest), tol))
         self._follows_radius = rho is None
         self._shape, grid = shape, shape.grid
-        self._largest = float(shape.profile[-1])
         self._last: Change | None = None
         # On a grid that is seen as all inside, since any pixel of it may be filled.
-        self._system = PolicySystem(replace(grid, pixels=size), shape.screening)
+        system = PolicySystem(replace(grid, pixels=size), shape.screening)
         trail, old, parts = np.empty((3, 2 * size), np.int32)
         counts = np.bincount(self.distance, minlength=max(grid.shape) + 1)
         self.distances = local_flips.Distances(self.distance, grid.block, counts, trail, old, parts)
-        up, down, factors, owner, path, chains = self._system.scratch
+        up, down, factors, owner, path, chains = system.scratch
         active, beside = np.empty((2, size), np.int32)
         starts, ends = np.empty((2, size), np.int64)
         self.field = local_flips.Field(
             self.v, grid.rows, float(shape.screening), float(self.tol), PASSES, ROUNDS, int(SHARE * grid.pixels),
-            TIE * self._largest, NOISE, up, down, factors, owner, path, chains, np.zeros(SEARCHED, np.int64),
+            TIE * float(shape.profile[-1]), NOISE, up, down, factors, owner, path, chains, np.zeros(SEARCHED, np.int64),
             np.zeros(size, np.uint8), active, np.empty(size), beside, starts, ends,
             np.zeros(local_flips.ALL_STATES, np.int64),
         )  # fmt: skip
@@ -87,7 +86,10 @@ class LocalSolve:
         local_flips.begin(self.distances, self.field, pixels)
         bound = np.inf
         if self.field.state[local_flips.RADIUS] == self.radius or not self._follows_radius:
-            bound = max(self.bound, self._solve(check))
+            check()
+            residual: float = local_flips.solve(self.distances, self.field)
+            if self.field.state[local_field.SOLVED]:
+                bound = max(self.bound, residual)
         return self.change(bound)
 
     def change(self, bound: float) -> Change:
@@ -109,10 +111,6 @@ class LocalSolve:
         local_flips.settle(self.distances, self.field, False)
         self.radius, self.bound = self._last.radius, self._last.bound
 
-    def solve_left_over(self, residual: float) -> None:
-        """Solve the cycle of policies that `local_flips` has left over."""
-        self._system.solve_left_over(self.v, self.field.search, max(NOISE * residual, 1e-13 * self._largest))
-
     def whole(self, tol: float, check: Callable[[], None]) -> PolicyIteration:
         """After a flip that was not solved and has left the radius as it was: a solve of all of the shape.
 
@@ -123,13 +121,3 @@ class LocalSolve:
         solve = PolicyIteration(replace(self._shape, grid=grid, distance=distance), tol, None, check)
         solve.run_from(self.v)
         return solve
-
-    def _solve(self, check: Callable[[], None]) -> float:
-        """Solve where the flip reaches; returns the largest residual there, inf where this has to be left undone."""
-        state = self.field.state
-        while True:
-            check()
-            residual: float = local_flips.solve(self.distances, self.field)
-            if state[local_field.END] != local_field.LEFT_OVER:
-                return residual if state[local_field.END] == local_field.SOLVED else np.inf
-            self.solve_left_over(residual)

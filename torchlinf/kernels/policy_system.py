@@ -76,15 +76,9 @@ class PolicySystem:
                 )
                 if search[MEMBERS] == 0:
                     break
-                unknowns += self.solve_left_over(v, search, tol)
+                unknowns += solve_left_over(v, tol, *policies, self._owner, self._chains, search)
             state[_RUN], state[_HEIGHT] = stop, 0
         return unknowns
-
-    def solve_left_over(self, v: np.ndarray, search: np.ndarray, tol: float) -> int:
-        """Solve, to `tol`, the component that `follow_all` has left over; returns the number of its unknowns."""
-        return solve_left_over(
-            v, tol, self.up, self.down, self._factors, self._screening, self._owner, self._chains, search
-        )
 
     @property
     def scratch(self) -> tuple[np.ndarray, ...]:
