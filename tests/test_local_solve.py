@@ -96,6 +96,7 @@ def test_a_cycle_that_cannot_be_eliminated_leaves_the_flip_to_a_solve_of_the_who
         owner[starts] = 1
         search[:] = 1
 
+    advance: Any = local_field.advance
     mask = np.zeros((30, 41), bool)
     mask[4:26, 5:36] = True
     mask[2:4, 12:17] = True
@@ -108,9 +109,7 @@ def test_a_cycle_that_cannot_be_eliminated_leaves_the_flip_to_a_solve_of_the_who
     expected = torchlinf.solve_field(torch.from_numpy(after), spatial_ndim=2).value.numpy()
     with monkeypatch.context() as patched:
         patched.setattr(local_field, "follow_all", left_over)
-        patched.setattr(
-            local_flips, "solve", lambda d, f: local_field.advance.py_func(f.v, d.distance, d.block, *f[1:])
-        )
+        patched.setattr(local_flips, "solve", lambda d, f: advance.py_func(f.v, d.distance, d.block, *f[1:]))
         assert not field.apply(index[box].ravel(), checked).solved
     assert not field.field.owner.any()
     assert not field.field.search.any()
