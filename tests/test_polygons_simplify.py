@@ -1,6 +1,7 @@
 """Outlines that are simplified: areas in closed form, sides that stay, validity, and drawings that fit."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -168,6 +169,100 @@ def test_every_part_of_a_multipolygon_is_simplified_in_its_own_frame() -> None:
     assert np.isnan(table["angle"][0])
     assert shapely.is_valid(found)
     assert shapely.area(shapely.get_parts(found)) == pytest.approx([96.0, 96.0])
+
+
+def test_parts_and_holes_without_a_pixel_stay_as_they_are() -> None:
+    """Real multipolygons have slivers, whose area counts."""
+    sliver, hole = shapely.box(40, 0, 40.02, 30), shapely.box(2, 2, 2.01, 2.01)
+    table = simplify([shapely.MultiPolygon([sliver, with_bump(20.0).difference(hole)])], resolution=0.25, weight=3.0)
+    (found,) = table["geometry"]
+    assert (table["error"][0], table["objects"][0], table["changed"][0], table["after"][0]) == (None, 2, 16, 0.0)
+    assert (table["resolution"][0], table["angle"][0]) == (0.25, pytest.approx(-20))
+    wanted = shapely.MultiPolygon([sliver, affinity.rotate(HOUSE, 20, origin=(0, 0)).difference(hole)])
+    assert found.symmetric_difference(wanted).area < 1e-6
+    assert [len(part.interiors) for part in sorted(found.geoms, key=shapely.area)] == [0, 1]
+    assert table["area"][0] == pytest.approx(97 + 0.6 - 1e-4, abs=1e-9)
+    assert table["area_after"][0] == pytest.approx(96 + 0.6 - 1e-4, abs=1e-6)
+    both = simplify([shapely.MultiPolygon([sliver, shapely.box(50, 0, 50.02, 30)])], resolution=0.25)
+    assert both["geometry"][0] is None
+    assert "no pixel's centre is inside" in both["error"][0]
+
+
+def overlap(shapes: np.ndarray) -> float:
+    return max(one.intersection(shapes[j]).area for i, one in enumerate(shapes) for j in range(i))
+
+
+def test_flips_gain_nothing_of_a_neighbour() -> None:
+    """A lodger fills the notch of a house to a part; alone, the notch goes."""
+    house, lodger = shapely.difference(HOUSE, NOTCH), shapely.box(3, 7.25, 4, 10)
+    house, lodger = (affinity.rotate(shape, 20, origin=(0, 0)) for shape in (house, lodger))
+    alone = simplify([house], resolution=0.25, weight=3.0)["geometry"][0]
+    assert alone.intersection(lodger).area == pytest.approx(0.75, abs=1e-6)
+    table = simplify([lodger, house], resolution=0.25, weight=3.0)
+    assert overlap(table["geometry"]) < 1e-6
+    parts = shapely.MultiPolygon([house, affinity.translate(lodger, 20, 20)])  # of one geometry: nothing in the way
+    assert simplify([parts], resolution=0.25, weight=3.0)["changed"][0] == 16
+
+
+def test_what_a_new_side_takes_of_a_neighbour_is_cut_off() -> None:
+    """Less than half a pixel of the notch is the lodger's: no pixel's centre, so the notch is filled but for that."""
+    house, lodger = shapely.difference(HOUSE, NOTCH), shapely.box(3, 7.9, 4, 10)
+    house, lodger = (affinity.rotate(shape, 20, origin=(0, 0)) for shape in (house, lodger))
+    table = simplify([house, lodger], resolution=0.25, weight=3.0)
+    assert (table["changed"][0], table["after"][0], table["changed"][1]) == (16, 0.0, 0)
+    assert overlap(table["geometry"]) < 1e-6
+    assert table["area_after"] == pytest.approx([96 - 0.1, 2.1], abs=1e-6)
+
+
+def test_of_two_that_gain_the_same_the_later_one_stays_as_it_was() -> None:
+    """They cross, and have a hole in common that both would fill."""
+    hole, options = shapely.box(9, 4, 10, 5), {"resolution": 0.25, "weight": 3.0, "keep_topology": False}
+    wide, high = shapely.box(0, 0, 20, 10).difference(hole), shapely.box(5, -5, 15, 16).difference(hole)
+    alone = [simplify([shape], **options)["area_after"][0] for shape in (wide, high)]
+    assert alone == pytest.approx([200, 210], abs=1e-6)
+    table = simplify([wide, high], **options)
+    assert overlap(table["geometry"]) == pytest.approx(overlap([wide, high]), abs=1e-6)
+    assert (table["changed"][0], table["after"][0], table["area_after"][0]) == (16, 0.0, pytest.approx(200, abs=1e-6))
+    assert table["geometry"][1] is high
+    columns = ("flips", "changed", "changed_area", "area_after", "after")
+    assert [table[name][1] for name in columns] == [0, 0, 0, high.area, table["before"][1]]
+    together = simplify([wide, high], straighten=0.01, **options)
+    assert overlap(together["geometry"]) == pytest.approx(99, abs=1e-6)
+
+
+def test_outlines_with_heights_come_out_without() -> None:
+    flat = shapely.box(30, 0, 42, 8)
+    given = [shapely.force_3d(with_bump(20.0), 5.0), shapely.force_3d(affinity.translate(HOUSE, 0, 30), 5.0), flat]
+    table = simplify(given, resolution=0.25, weight=3.0)
+    assert not shapely.has_z(table["geometry"]).any()
+    assert table["changed"].tolist() == [16, 0, 0]
+    assert table["geometry"][2] is flat
+    assert shapely.has_z(given).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("suffix", [".gpkg", ".geojson", ".parquet"])
+def test_a_layer_with_heights_is_written_without_any(tmp_path: Path, suffix: str) -> None:
+    geopandas = pytest.importorskip("geopandas")
+    from torchlinf.scoring import simplified_outlines, write_outlines
+
+    tiny = shapely.box(90, 0, 90.01, 0.01)
+    given = [
+        with_bump(20.0),
+        affinity.translate(HOUSE, 0, 30),
+        shapely.MultiPolygon([affinity.translate(HOUSE, 50)]),
+        tiny,
+    ]
+    frame = geopandas.GeoDataFrame(geometry=shapely.force_3d(given, 5.0), crs="EPSG:32633")
+    frame.to_file(tmp_path / "town.gpkg")
+    options = {"resolution": 0.25, "weight": 3.0}
+    found = simplified_outlines(tmp_path / "town.gpkg", options, None, None, lambda: None)
+    write_outlines(tmp_path / f"simpler{suffix}", found)
+    read = geopandas.read_parquet if suffix == ".parquet" else geopandas.read_file
+    new = read(tmp_path / f"simpler{suffix}")
+    assert not new.has_z.any()
+    assert new["changed"].tolist() == [16, 0, 0, 0]
+    assert new["error"].isna().tolist() == [True, True, True, False]
+    assert new.area.tolist() == pytest.approx([96, 96, 96, 1e-4], abs=1e-6)
 
 
 def test_what_cannot_be_simplified_is_a_row_with_the_reason() -> None:

@@ -66,8 +66,7 @@ class AcceleratedValueIteration:
         """Restart the shapes that are due and fail the test; `back` = y - x is overwritten."""
         self._since_test += TEST_EVERY
         due = self._since_test >= self.system.radius[:, None]
-        low, high = back.aminmax(dim=1, keepdim=True)
-        longest = torch.maximum(high, -low)
+        longest = torch.maximum(back.amax(dim=1, keepdim=True), -back.amin(dim=1, keepdim=True))
         against = back.mul_(step).sign_().sum(dim=1, keepdim=True) > 0
         restart = due & (against | (longest > self._longest))
         # in place like all else here: a captured graph knows the buffers by their addresses

@@ -48,7 +48,7 @@ def iterate(kind: type[Method], problem: Problem, tol: float, max_sweeps: int | 
     """
     layout = Layout(problem.mask)
     answer = unsolved(problem.radius, problem.screening.new_zeros(problem.mask.shape))
-    for group in groups(problem, GROUP_PIXELS // layout.pixels):
+    for group in groups(problem.radius > 0, GROUP_PIXELS // layout.pixels):
         chosen = problem.select(group)
         inside = layout.rows(layout.pack(chosen.mask.to(chosen.screening.dtype)))
         values = layout.pack(start(chosen))
@@ -68,11 +68,11 @@ def unsolved(radius: Tensor, value: Tensor) -> FieldSolution:
     )
 
 
-def groups(problem: Problem, size: int) -> Iterator[Tensor]:
-    """Indices of the shapes that are not empty, on a CPU in groups of that size, so that their storage is bounded."""
-    present = problem.radius.nonzero()[:, 0]
-    size = size if present.device.type == "cpu" else len(present)
-    yield from (group for group in present.split(max(1, size)) if len(group))
+def groups(chosen: Tensor, size: int) -> Iterator[Tensor]:
+    """Indices of the chosen shapes, (N,) bool, on a CPU in groups of that size, so that their storage is bounded."""
+    index = chosen.nonzero()[:, 0]
+    size = size if index.device.type == "cpu" else len(index)
+    yield from (group for group in index.split(max(1, size)) if len(group))
 
 
 def ended(bound: Tensor, best: Tensor, largest: Tensor, used_up: Tensor, tol: float) -> Tensor:

@@ -76,8 +76,8 @@ class LocalSolve:
         starts, ends = np.empty((2, size), np.int64)
         self.field = local_flips.Field(
             self.v, grid.rows, float(shape.screening), float(self.tol), PASSES, ROUNDS, int(SHARE * grid.pixels),
-            TIE * float(shape.profile[-1]), NOISE, up, down, factors, owner, path, chains, np.zeros(SEARCHED, np.int64),
-            np.zeros(size, np.uint8), active, np.empty(size), beside, starts, ends,
+            TIE * float(shape.profile[-1]), solved.finest, NOISE, up, down, factors, owner, path, chains,
+            np.zeros(SEARCHED, np.int64), np.zeros(size, np.uint8), active, np.empty(size), beside, starts, ends,
             np.zeros(local_flips.ALL_STATES, np.int64),
         )  # fmt: skip
 

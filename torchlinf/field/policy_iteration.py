@@ -13,6 +13,7 @@ import torch
 
 from torchlinf._helpers.boxes import bounding_box
 from torchlinf._helpers.parallel import for_each, tell
+from torchlinf._helpers.ties import equal_within
 from torchlinf.field.certificate import RESOLUTION
 from torchlinf.field.problem import Problem
 from torchlinf.field.solution import FieldSolution, Status
@@ -32,7 +33,6 @@ PATIENCE = 3  # solves without half the residual after which progress counts as 
 COARSEST = 24  # radius up to which no coarser grid is worth its while
 COARSE_TOL = 0.1  # residual beyond which a coarse field would be no better a start
 TIE = 1e-11  # share of max f within which neighbours are equal: rounding, not geometry
-EQUAL = 8.0  # what divides the residual where that is a smaller limit
 NOISE = 1e-7  # share of the residual down to which linear solves go, and within which neighbours are equal meanwhile
 
 
@@ -229,8 +229,7 @@ class PolicyIteration:
 
     def solve_policies(self, system: PolicySystem) -> None:
         """One linear solve of the policies that v chooses."""
-        # not what is left to correct: such a difference is geometry, and stays wrong for as long as it counts as equal
-        tie = min(TIE * float(self.shape.profile[-1]), max(self.residual / EQUAL, self.finest))
+        tie = equal_within(TIE * float(self.shape.profile[-1]), self.residual, self.finest)
         tie = max(tie, NOISE * self.residual)
         system.choose(self.v, tie, self.buffer, self.check)
         system.solve(self.v, max(NOISE * self.residual, 1e-13 * float(self.shape.profile[-1])), self.check)

@@ -135,6 +135,10 @@ class System:
         """The system of the shapes with these indices."""
         return System(self.layout, self.inside[keep], self.screening[keep], self.radius[keep], self.compile)
 
+    def float(self) -> "System":
+        """The same system in float32."""
+        return System(self.layout, self.inside.float(), self.screening.float(), self.radius, self.compile)
+
     def sweep(self, line: Tensor, out: Tensor) -> None:
         """Set out = T v = (M v + N v + 1) / (2 + s) on the shapes and 0 elsewhere, `(N, pixels)`, for v on `line`."""
         if self.compile:

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from torchlinf._helpers.boxes import bounding_box
 from torchlinf._helpers.parallel import for_each
+from torchlinf._helpers.ties import equal_within
 from torchlinf.field.solution import FieldSolution, Status
 from torchlinf.kernels import grid, stencil
 from torchlinf.kernels.linearised import LinearisedOperator
@@ -74,7 +75,8 @@ class WeightedField:
         self.num_sweeps += 1
         self.bound = max(above, below) if above < 1 else np.inf
         self.residual = max(above, below)
-        self.tol = max(self.tol, 4 * np.finfo(np.float64).eps * float(self.v.max()))
+        self.finest = 4 * np.finfo(np.float64).eps * float(self.v.max())
+        self.tol = max(self.tol, self.finest)
         return bool(self.bound <= self.tol)
 
     def start_from_coarse(self) -> None:
@@ -105,7 +107,8 @@ class WeightedField:
             if self.residual > best / 2:
                 count *= 2
             best = min(best, self.residual)
-            tie = max(TIE * float(self.v.max()), NOISE * self.residual)
+            tie = equal_within(TIE * float(self.v.max()), self.residual, self.finest)
+            tie = max(tie, NOISE * self.residual)
             operator = LinearisedOperator(self.grid, self.v, self.a, tie)
             self.v[operator.order], _ = operator.solve(ones, 1e-12)
             self.num_solves += 1

@@ -5,6 +5,7 @@ after pixels are removed every value falls, after pixels are filled every value 
 residual is left, and nowhere else.
 """
 
+from torchlinf._helpers.ties import equal_within
 from torchlinf.kernels.compiler import inlined, kernel
 from torchlinf.kernels.policy_system import follow_all
 from torchlinf.kernels.strong_components import MEMBERS
@@ -14,6 +15,8 @@ from torchlinf.kernels.strong_components import MEMBERS
 LISTED, SOLVED, CHAINS = range(3)
 STATES = 4
 UNLISTED, PRESENT, LOOKED_AT = range(3)  # values of `listed`
+
+_equal_within = inlined(equal_within)
 
 
 @inlined
@@ -60,14 +63,15 @@ def begin(v, distance, removed, filled, block, listed, active, old, state):  # t
 
 @kernel
 def advance(  # type: ignore[no-untyped-def]
-    v, distance, block, rows, screening, tol, passes, rounds, limit, tie, noise, up, down, factors, owner, path, chains,
-    search, listed, active, old, beside, starts, ends, state,
+    v, distance, block, rows, screening, tol, passes, rounds, limit, tie, finest, noise, up, down, factors, owner, path,
+    chains, search, listed, active, old, beside, starts, ends, state,
 ):  # fmt: skip
     """Relax and solve in turn until every residual on and beside the list is at most `tol`; returns the largest one.
 
     It gives up after `rounds` solves, where more than `limit` pixels are listed, or at a cycle of policies that
-    elimination has no room for; among 54,040 flips there was none. Within `tie`, or within the share `noise` of the
-    residual, neighbours are equal. `up`, `down`, `owner` and `search` are 0 outside the list. The rest is scratch.
+    elimination has no room for; among 54,040 flips there was none. What neighbours are equal within is
+    `equal_within(tie, residual, finest)`, or the share `noise` of the residual. `up`, `down`, `owner` and `search` are
+    0 outside the list. The rest is scratch.
     """
     count = state[LISTED]
     solves = 0
@@ -77,7 +81,8 @@ def advance(  # type: ignore[no-untyped-def]
             residual, count = _measure(v, distance, block, rows, screening, tol, listed, active, old, count, beside)
         if residual <= tol or count > limit or solves == rounds:
             break
-        size = _choose(v, distance, block, rows, max(tie, noise * residual), active, count, up, down, starts, ends)
+        near = max(_equal_within(tie, residual, finest), noise * residual)
+        size = _choose(v, distance, block, rows, near, active, count, up, down, starts, ends)
         state[CHAINS], state[CHAINS + 1] = 0, -1
         solves += 1
         follow_all(

@@ -44,6 +44,7 @@ class Field(NamedTuple):
     rounds: int
     limit: int
     tie: float
+    finest: float
     noise: float
     up: Array
     down: Array
@@ -141,9 +142,9 @@ def solve(distances, field):  # type: ignore[no-untyped-def]
     """Solve the listed pixels by `local_field.advance`; returns the largest residual."""
     return local_field.advance(
         field.v, distances.distance, distances.block, field.rows, field.screening, field.tol, field.passes,
-        field.rounds, field.limit, field.tie, field.noise, field.up, field.down, field.factors, field.owner,
-        field.path, field.chains, field.search, field.listed, field.active, field.old, field.beside, field.starts,
-        field.ends, field.state,
+        field.rounds, field.limit, field.tie, field.finest, field.noise, field.up, field.down, field.factors,
+        field.owner, field.path, field.chains, field.search, field.listed, field.active, field.old, field.beside,
+        field.starts, field.ends, field.state,
     )  # fmt: skip
 
 

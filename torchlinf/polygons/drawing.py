@@ -136,6 +136,11 @@ def draw(ends: NDArray[np.float64], resolution: float, max_pixels: int) -> NDArr
                [1, 1, 1, 1]])
     """
     grid = grid_of(ends, resolution, max_pixels)
+    return draw_on(grid, ends)
+
+
+def draw_on(grid: Grid, ends: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Draw a polygon by its edges on a grid that may be another one's; what lies outside of the grid is left out."""
     if not grid.width * grid.height:
         return np.zeros((grid.height, grid.width), dtype=np.bool_)
     at = np.rint(grid.pixels(ends) * SUBPIXEL) / SUBPIXEL

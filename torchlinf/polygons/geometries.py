@@ -42,6 +42,14 @@ class Geometries:
         owner = owner[order]
         return Geometries(shapes, self.index[owner], self.errors[owner]), owner
 
+    def flat(self) -> "Geometries":
+        """The same without heights (Z); the same objects where there are none."""
+        import shapely
+
+        shapes, has_z = self.shapes.copy(), shapely.has_z(self.shapes)
+        shapes[has_z] = shapely.force_2d(shapes[has_z])
+        return replace(self, shapes=shapes)
+
 
 def read_geometries(given: Any, repair: bool = False) -> Geometries:
     """The polygons of what a user has.

@@ -18,6 +18,7 @@ from torchlinf.polygons.drawing import TooLargeError, edges_of, grid_of, turn
 from torchlinf.polygons.flipped_outline import flipped_outline, restored
 from torchlinf.polygons.geometries import read_geometries
 from torchlinf.polygons.measuring import Drawing, angles_of, too_small
+from torchlinf.polygons.neighbours import Neighbours, overlap_of_flips
 from torchlinf.polygons.straight_outline import straight_outlines
 from torchlinf.polygons.table import ERRORS, MAX_PIXELS, pixel_size, raise_first
 
@@ -56,12 +57,14 @@ def simplify(
     Every polygon is drawn as `complexity_table` draws it, alone and in its own frame. There `torchlinf.simplify` flips
     regions of pixels as long as that lowers the complexity by more than weight * changed pixels / pixels of the
     polygon. What was flipped is cut out of the polygon, or united with it. Sides that no flip has touched keep their
-    corners; a new side goes on where the sides before and behind it stop. With `straighten`, the stairs of an outline
-    that was traced from pixels become straight walls in the end.
+    corners; a new side goes on where the sides before and behind it stop. What lies in a neighbour is not gained, and
+    neighbours overlap no more than before: if they would, the later one stays as it was. With `straighten`, the stairs
+    of an outline that was traced from pixels become straight walls in the end.
 
     Args:
         geometries: N polygons or multipolygons, as `complexity_table` takes them. Each polygon of a multipolygon is
-            simplified alone.
+            simplified alone; one that holds no pixel's centre, such as a sliver, stays as it is. Heights (Z) are left
+            out. Those of one call are neighbours on one map: of different images, pass those of each alone.
         resolution: side of a pixel, in the unit of the coordinates. This or `pixels_per_radius` must be given.
         pixels_per_radius: instead of one resolution for all, the radius of every drawing, as in `complexity_table`.
         weight: bits for the whole area of a polygon, 0 or more: a flip of 1 % of the area must lower the complexity by
@@ -77,9 +80,8 @@ def simplify(
             gets as few straight sides as stay so near to it. Each side is fitted to its part of the outline by least
             squares; it lies along the frame of the long sides where the tolerance lets it, else it keeps its own
             direction. Nothing of the outline is farther than this from the new one; corners, where two sides cross, may
-            lie sqrt(2) times as far from the old one. Holes and parts stay, and neighbours in one call overlap no more
-            than before. 0.85 pixels of the raster that was traced is right for stairs; more takes small notches too.
-            With weight=1e9 nothing else is done.
+            lie sqrt(2) times as far from the old one. Holes and parts stay. 0.85 pixels of the raster that was traced
+            is right for stairs; more takes small notches too. With weight=1e9 nothing else is done.
         repair: whether invalid geometries are made valid by shapely's `make_valid` first.
         max_pixels: an outline that needs a larger drawing is refused.
         errors: "row", what cannot be simplified has None for a geometry and the reason in "error"; or "raise".
@@ -90,11 +92,12 @@ def simplify(
         Columns by name, one entry per geometry in their order.
 
         - "index": as in `complexity_table`.
-        - "geometry": object, shapely geometries, valid; the same object where nothing was changed. None for an error.
+        - "geometry": object, shapely geometries, valid; the same object where nothing was changed, unless it had
+          heights. None for an error.
         - "objects": int64, how many polygons it had.
         - "area", "area_after": float64, exact areas, in the square of the unit.
         - "before", "after": float64, complexity of the drawing in bits (or share, for "std"), the mean over the
-          polygons. `straighten` comes after it.
+          polygons that hold a pixel's centre. `straighten` comes after it.
         - "flips", "changed": int64, how many flips were made, and how many pixels they changed in the end.
         - "changed_area": float64, exact area that is in one of both outlines alone.
         - "angle", "resolution": float64, of the drawing; NaN where several polygons do not share one.
@@ -142,11 +145,11 @@ def simplify(
         "keep_topology": keep_topology, "per": "mask", **measure.plain().options(),
     }  # fmt: skip
     simplify_masks(torch.zeros(1, 1, dtype=torch.bool), spatial_ndim=2, **rule)  # checks the options before the work
-    found = read_geometries(geometries, flag(repair, "repair"))
+    found = read_geometries(geometries, flag(repair, "repair")).flat()
     if raising:
         raise_first(found.errors, found.index)
     parts, owner = found.parts()
-    columns = _simplified(parts.shapes, parts.errors, drawing, measure, rule)
+    columns = _simplified(parts.shapes, owner, parts.errors, drawing, measure, rule)
     rows = _joined(columns, owner, found.shapes, tolerance)
     if raising:
         raise_first(rows["error"], found.index)
@@ -160,20 +163,23 @@ def simplify(
 
 
 def _simplified(
-    shapes: Column, broken: Column, drawing: Drawing, measure: Measure, rule: dict[str, Any]
+    shapes: Column, owner: NDArray[np.int64], broken: Column, drawing: Drawing, measure: Measure, rule: dict[str, Any]
 ) -> dict[str, Column]:
-    """Simplify polygons, each alone.
+    """Simplify polygons, each alone, without gaining what is a neighbour's.
 
     Returns:
-        The columns `NUMBERS`, "geometry", "seconds" and "error", (N,) each.
+        The columns `NUMBERS`, "geometry", "seconds", "error" and "unseen", (N,) each. The last is why a polygon was not
+        drawn: it holds no pixel's centre.
     """
     import shapely
 
     edges, bounds = edges_of(shapes), shapely.bounds(shapes)
     angles = angles_of(edges, len(shapes), measure)[:, 0]
+    neighbours = Neighbours(shapes, owner, edges, angles)
     columns = {name: np.full(len(shapes), np.nan) for name in NUMBERS}
     columns |= {name: np.zeros(len(shapes), np.int64) for name in SUMS}
     columns |= {"geometry": shapes.copy(), "seconds": np.zeros(len(shapes)), "error": broken.copy()}
+    columns["unseen"] = np.full(len(shapes), None)
 
     def simplify_one(i: int, check: Callable[[], None]) -> None:
         check()
@@ -184,17 +190,18 @@ def _simplified(
         try:
             before, side = drawing.of(ends)
             if not before.any():
-                columns["error"][i] = too_small(side, bounds[i])
+                columns["unseen"][i] = too_small(side, bounds[i])
                 return
-            flipped = simplify_masks(torch.from_numpy(before), spatial_ndim=2, **rule)
-            after = flipped.mask.numpy()
             grid = grid_of(ends, side, drawing.max_pixels)
+            free = torch.from_numpy(~neighbours.drawn(i, grid))
+            flipped = simplify_masks(torch.from_numpy(before), allowed=free, spatial_ndim=2, **rule)
+            after = flipped.mask.numpy()
             centre, angle = edges.centres[i], angles[i]
             if (before != after).any():
                 outline = shapely.transform(shapes[i], lambda points: grid.pixels(turn(points - centre, angle)))
                 outline = flipped_outline(outline, before, after)
                 outline = shapely.transform(outline, lambda points: turn(grid.points(points), -angle) + centre)
-                columns["geometry"][i] = restored(outline, shapes[i], side)
+                columns["geometry"][i] = neighbours.cut(i, restored(outline, shapes[i], side))
         except TooLargeError as error:
             columns["error"][i] = str(error)
             return
@@ -213,9 +220,10 @@ def _simplified(
 def _joined(
     columns: dict[str, Column], owner: NDArray[np.int64], given: Column, tolerance: float | None
 ) -> dict[str, Column]:
-    """The columns of geometries from those of their polygons; one polygon with an error is an error of the whole.
+    """The columns of geometries from those of their polygons.
 
-    With a tolerance they are made straight.
+    One polygon with an error is an error of the whole. Those that were not drawn stay as they are, and are an error if
+    none was. With a tolerance outlines are made straight.
     """
     import shapely
 
@@ -233,19 +241,25 @@ def _joined(
     for i in range(number):
         own = slice(first[i], first[i + 1])
         rows["seconds"][i] = columns["seconds"][own].sum()
-        rows["error"][i] = next((error for error in columns["error"][own] if error is not None), None)
+        drawn = [k for k in range(own.start, own.stop) if columns["unseen"][k] is None]
+        unseen = [] if drawn else list(columns["unseen"][own])
+        rows["error"][i] = next((error for error in [*columns["error"][own], *unseen] if error is not None), None)
         if rows["error"][i] is not None:
             rows["geometry"][i], rows["objects"][i] = None, 0
             continue
         for name in SUMS:
             rows[name][i] = columns[name][own].sum()
         for name in ("before", "after"):
-            rows[name][i] = columns[name][own].mean()
+            rows[name][i] = columns[name][drawn].mean()
         for name in ("angle", "resolution"):
-            values = columns[name][own]
+            values = columns[name][drawn]
             rows[name][i] = values[0] if (values == values[0]).all() else np.nan
         if rows["flips"][i]:
             rows["geometry"][i] = shapely.union_all(columns["geometry"][own])
+    back = overlap_of_flips(given, rows["geometry"])
+    rows["geometry"][back], rows["after"][back] = given[back], rows["before"][back]
+    for name in SUMS:
+        rows[name][back] = 0
     if tolerance is not None:
         rows["geometry"] = straight_outlines(rows["geometry"], tolerance)
     rows["area_after"] = shapely.area(rows["geometry"])

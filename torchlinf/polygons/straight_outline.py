@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torchlinf._helpers.parallel import for_each
 from torchlinf.polygons.flipped_outline import restored
 from torchlinf.polygons.geometries import polygons_of
+from torchlinf.polygons.neighbours import more_overlap
 
 FREE = 0.3  # of a side: the price of one that does not lie along the frame
 FRAME = np.radians(5.0)  # sides with such a difference in direction are still of one frame
@@ -173,14 +174,10 @@ def _part_neighbours(before: Shapes, after: Shapes, tolerance: float) -> None:
     slight = 1e-6 * tolerance**2
     cut = True
     while True:
-        first, second = shapely.STRtree(after).query(after, predicate="intersects")
-        first, second = first[first < second], second[first < second]
-        more = shapely.area(shapely.intersection(after[first], after[second]))
-        more -= shapely.area(shapely.intersection(before[first], before[second]))
-        worse = np.flatnonzero(more > slight)
-        if not len(worse):
+        first, second = more_overlap(before, after, slight)
+        if not len(first):
             return
-        for i, j in zip(first[worse], second[worse], strict=True):
+        for i, j in zip(first, second, strict=True):
             rest = _cut(after[j], after[i], tolerance) if cut else None
             if rest is not None and shapely.area(shapely.intersection(before[i], before[j])) <= slight:
                 after[j] = rest

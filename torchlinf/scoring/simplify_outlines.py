@@ -36,14 +36,15 @@ def simplified_outlines(
 
     Returns:
         The attributes, the columns of `torchlinf.polygons.simplify`, and the outlines in the coordinates of the file.
-        What was not changed, or has an error, is as it was. An attribute with the name of another column has "_given"
-        behind its name.
+        What was not changed, or has an error, is as it was, less its heights (Z). An attribute with the name of another
+        column has "_given" behind its name.
 
     Raises:
         UnreadableMaskError: the file cannot be read or projected.
     """
     import geopandas
     import pandas as pd
+    import shapely
 
     given = read_geodata(file, layer).reset_index(drop=True)
     flat = project(given, crs).geometry
@@ -56,6 +57,8 @@ def simplified_outlines(
     numbers = pd.concat(parts, ignore_index=True)
     changed = numbers["changed_area"].to_numpy() > 0
     shapes = np.asarray(given.geometry, dtype=object).copy()
+    has_z = shapely.has_z(shapes)
+    shapes[has_z] = shapely.force_2d(shapes[has_z])  # new outlines have no heights: a layer is not to be a mix
     if changed.any():
         simpler = geopandas.GeoSeries(numbers["geometry"].to_numpy()[changed], crs=flat.crs)
         shapes[changed] = np.asarray(simpler if crs is None else simpler.to_crs(given.crs), dtype=object)
