@@ -1,5 +1,7 @@
 """The field after a flip, solved where the flip reaches: distance, certificate and undoing, against the whole."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -80,3 +82,41 @@ def test_what_is_kept_is_where_the_next_flip_begins() -> None:
         np.testing.assert_allclose(found[mask], expected[mask], rtol=2e-9)
         field.undo()  # of nothing
         assert np.array_equal(field.v.reshape(32, 43)[1:-1, 1:-1], found)
+
+
+def test_a_cycle_that_cannot_be_eliminated_leaves_the_flip_to_a_solve_of_the_whole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from torchlinf.kernels import local_field, local_flips
+
+    def left_over(v: Any, starts: Any, ends: Any, *rest: Any) -> None:
+        """What `follow_all` leaves where elimination has no room: no flip was found that it has none for."""
+        owner, search = rest[4], rest[-1]
+        v[starts] *= -1
+        owner[starts] = 1
+        search[:] = 1
+
+    advance: Any = local_field.advance
+    mask = np.zeros((30, 41), bool)
+    mask[4:26, 5:36] = True
+    mask[2:4, 12:17] = True
+    field = solve_locally(solve_shape(mask, None, 1e-9, checked), None, 1e-9)
+    index = np.arange(32 * 43).reshape(32, 43)[1:-1, 1:-1].astype(np.int32)
+    box = (slice(2, 4), slice(12, 17))
+    v, distance = field.v.copy(), field.distance.copy()
+    after = mask.copy()
+    after[box] ^= True
+    expected = torchlinf.solve_field(torch.from_numpy(after), spatial_ndim=2).value.numpy()
+    with monkeypatch.context() as patched:
+        patched.setattr(local_field, "follow_all", left_over)
+        patched.setattr(local_flips, "solve", lambda d, f: advance.py_func(f.v, d.distance, d.block, *f[1:]))
+        assert not field.apply(index[box].ravel(), checked).solved
+    assert not field.field.owner.any()
+    assert not field.field.search.any()
+    whole = field.whole(1e-9, checked)
+    np.testing.assert_allclose(whole.v.reshape(32, 43)[1:-1, 1:-1], expected, rtol=2e-9)
+    field.undo()
+    assert np.array_equal(field.v, v)
+    assert np.array_equal(field.distance, distance)
+    assert field.apply(index[box].ravel(), checked).solved
+    np.testing.assert_allclose(field.v.reshape(32, 43)[1:-1, 1:-1], expected, rtol=2e-9)

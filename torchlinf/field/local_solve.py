@@ -17,6 +17,7 @@ from torchlinf.field.policy_iteration import NOISE, TIE, PolicyIteration
 from torchlinf.kernels import local_field, local_flips
 from torchlinf.kernels.grid import make_grid
 from torchlinf.kernels.policy_system import PolicySystem
+from torchlinf.kernels.strong_components import SEARCHED
 
 PASSES = 3  # over the list before each linear solve
 ROUNDS = 16  # linear solves after which the flip is left to a complete solve
@@ -64,20 +65,20 @@ class LocalSolve:
         self.tol = max(solved.bound, min(max(2 * solved.bound, solved.finest), tol))
         self._follows_radius = rho is None
         self._shape, grid = shape, shape.grid
-        self._largest = float(shape.profile[-1])
         self._last: Change | None = None
         # On a grid that is seen as all inside, since any pixel of it may be filled.
-        self._system = PolicySystem(replace(grid, pixels=size), shape.screening)
+        system = PolicySystem(replace(grid, pixels=size), shape.screening)
         trail, old, parts = np.empty((3, 2 * size), np.int32)
         counts = np.bincount(self.distance, minlength=max(grid.shape) + 1)
         self.distances = local_flips.Distances(self.distance, grid.block, counts, trail, old, parts)
-        up, down, factors, owner, path = self._system.scratch
+        up, down, factors, owner, path, chains = system.scratch
         active, beside = np.empty((2, size), np.int32)
         starts, ends = np.empty((2, size), np.int64)
         self.field = local_flips.Field(
             self.v, grid.rows, float(shape.screening), float(self.tol), PASSES, ROUNDS, int(SHARE * grid.pixels),
-            TIE * self._largest, solved.finest, NOISE, up, down, factors, owner, path, np.zeros(size, np.uint8), active,
-            np.empty(size), beside, starts, ends, np.zeros(local_flips.ALL_STATES, np.int64),
+            TIE * float(shape.profile[-1]), solved.finest, NOISE, up, down, factors, owner, path, chains,
+            np.zeros(SEARCHED, np.int64), np.zeros(size, np.uint8), active, np.empty(size), beside, starts, ends,
+            np.zeros(local_flips.ALL_STATES, np.int64),
         )  # fmt: skip
 
     def apply(self, pixels: NDArray[np.int32], check: Callable[[], None]) -> Change:
@@ -85,7 +86,10 @@ class LocalSolve:
         local_flips.begin(self.distances, self.field, pixels)
         bound = np.inf
         if self.field.state[local_flips.RADIUS] == self.radius or not self._follows_radius:
-            bound = max(self.bound, self._solve(check))
+            check()
+            residual: float = local_flips.solve(self.distances, self.field)
+            if self.field.state[local_field.SOLVED]:
+                bound = max(self.bound, residual)
         return self.change(bound)
 
     def change(self, bound: float) -> Change:
@@ -107,11 +111,6 @@ class LocalSolve:
         local_flips.settle(self.distances, self.field, False)
         self.radius, self.bound = self._last.radius, self._last.bound
 
-    def solve_cycle(self, residual: float) -> None:
-        """Solve the cycle of policies that `local_flips` has stopped at."""
-        tol = max(NOISE * residual, 1e-13 * self._largest)
-        self._system.solve_cycle(self.v, self.field.state[local_field.CHAINS :], tol)
-
     def whole(self, tol: float, check: Callable[[], None]) -> PolicyIteration:
         """After a flip that was not solved and has left the radius as it was: a solve of all of the shape.
 
@@ -122,13 +121,3 @@ class LocalSolve:
         solve = PolicyIteration(replace(self._shape, grid=grid, distance=distance), tol, None, check)
         solve.run_from(self.v)
         return solve
-
-    def _solve(self, check: Callable[[], None]) -> float:
-        """Solve where the flip reaches; returns the largest residual there, inf where this has to be left undone."""
-        state = self.field.state
-        while True:
-            check()
-            residual: float = local_flips.solve(self.distances, self.field)
-            if state[local_field.END] != local_field.AT_CYCLE:
-                return residual if state[local_field.END] == local_field.SOLVED else np.inf
-            self.solve_cycle(residual)

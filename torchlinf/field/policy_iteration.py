@@ -24,7 +24,7 @@ from torchlinf.kernels.policy_system import PolicySystem
 
 SWEEPS = 40  # a sweep costs 3^(n-1) rows, a solve the same in all dimensions: so many sweeps by n between two solves,
 # or D / 8 if that is more; doubled where progress stalls, since sweeps alone converge
-FIRST_SWEEPS = 12  # before the first solve where the field of much the same shape is known
+WARM = (12, 5, 5, 5, 5, 5)  # sweeps before each of the first solves where the field of much the same shape is known
 LARGE = 60_000  # pixels from which on it pays to find out where sweeps are needed
 BURST = 5  # sweeps after which it is decided anew where to sweep
 AT_REST = 1e-3  # share of the largest residual below which a tile rests
@@ -158,14 +158,17 @@ class PolicyIteration:
         """Solve from the field of a shape that is much the same, flat and padded; 0 where nothing is known."""
         if not self.solvable:
             return
-        grid = self.shape.grid
         self.v[:] = np.where((v > 0) & (self.shape.distance > 0), v, self.v)
-        stencil.sweep(*self.stencil, 1.0 / (2.0 + self.shape.screening), None, FIRST_SWEEPS, self.buffer)
-        self.num_sweeps += FIRST_SWEEPS
-        if not self.certify():
-            self.solve_policies(PolicySystem(grid, self.shape.screening))
-            if not self.certify():
-                self.iterate()
+        system = PolicySystem(self.shape.grid, self.shape.screening)
+        for count in WARM:
+            stencil.sweep(*self.stencil, 1.0 / (2.0 + self.shape.screening), None, count, self.buffer)
+            self.num_sweeps += count
+            if self.certify():
+                return
+            self.solve_policies(system)
+            if self.certify():
+                return
+        self.iterate()
 
     def refine(self, tol: float) -> bool:
         """Solve on, to a smaller tolerance as far as floating point goes; True if the bound became smaller."""

@@ -9,15 +9,15 @@ import numpy as np
 
 from torchlinf.kernels import local_distance, local_field, local_histograms
 from torchlinf.kernels.compiler import kernel
-from torchlinf.kernels.local_field import AT_CYCLE, END, LISTED, SOLVED, STATES
+from torchlinf.kernels.local_field import LISTED, SOLVED, STATES
 
 # Places of `Field.state` behind those of `local_field`: how a flip ended; how many distances have changed; the radius;
 # how many pixels of the histograms have moved.
 FLIP, SHIFTED, RADIUS, PLACED = range(STATES, STATES + 4)
 ALL_STATES = STATES + 4
 # How a flip ended: well; with another radius, and nothing solved; unsolved; with levels that need a count of the whole,
-# since a pixel is in doubt or the peak has moved; at a cycle, to be called again when that is solved.
-DONE, OTHER_RADIUS, NOT_SOLVED, NOT_COUNTED, CYCLE = range(5)
+# since a pixel is in doubt or the peak has moved.
+DONE, OTHER_RADIUS, NOT_SOLVED, NOT_COUNTED = range(4)
 
 Array = np.ndarray[Any, Any]
 
@@ -51,6 +51,8 @@ class Field(NamedTuple):
     factors: Array
     owner: Array
     path: Array
+    chains: Array
+    search: Array
     listed: Array
     active: Array
     old: Array
@@ -82,26 +84,23 @@ class Histograms(NamedTuple):
 
 
 @kernel
-def try_each(distances, field, histograms, pixels, starts, first, hold, radius, bound, values, bounds):  # type: ignore[no-untyped-def]
+def try_each(distances, field, histograms, pixels, starts, hold, radius, bound, values, bounds):  # type: ignore[no-untyped-def]
     """The levels of a shape after each of some flips; returns which flip it has left as it stands, or their number.
 
-    The pixels of flip k, on the padded grid, are those from starts[k] to starts[k + 1]; it begins with flip `first`, or
-    goes on with it at a cycle. `radius` and `bound` are those of the shape. values[k], which holds the levels of the
-    shape, becomes those after the flip, and bounds[k] the error of the field, or the residual at a cycle. All flips are
-    undone, but with `hold` the last one.
+    The pixels of flip k, on the padded grid, are those from starts[k] to starts[k + 1]. `radius` and `bound` are those
+    of the shape. values[k], which holds the levels of the shape, becomes those after the flip, and bounds[k] the error
+    of the field. All flips are undone, but with `hold` the last one.
     """
     state = field.state
     number = starts.size - 1
-    for k in range(first, number):
-        if state[FLIP] != CYCLE:
-            begin(distances, field, pixels[starts[k] : starts[k + 1]])
-            if state[RADIUS] != radius:
-                state[FLIP] = OTHER_RADIUS
-                return k
+    for k in range(number):
+        begin(distances, field, pixels[starts[k] : starts[k + 1]])
+        if state[RADIUS] != radius:
+            state[FLIP] = OTHER_RADIUS
+            return k
         residual = solve(distances, field)
-        bounds[k] = residual
-        if state[END] != SOLVED:
-            state[FLIP] = CYCLE if state[END] == AT_CYCLE else NOT_SOLVED
+        if not state[SOLVED]:
+            state[FLIP] = NOT_SOLVED
             return k
         bounds[k] = max(bound, residual)
         if not _count(distances, field, histograms, values[k]):
@@ -144,8 +143,8 @@ def solve(distances, field):  # type: ignore[no-untyped-def]
     return local_field.advance(
         field.v, distances.distance, distances.block, field.rows, field.screening, field.tol, field.passes,
         field.rounds, field.limit, field.tie, field.finest, field.noise, field.up, field.down, field.factors,
-        field.owner, field.path, field.listed, field.active, field.old, field.beside, field.starts, field.ends,
-        field.state,
+        field.owner, field.path, field.chains, field.search, field.listed, field.active, field.old, field.beside,
+        field.starts, field.ends, field.state,
     )  # fmt: skip
 
 

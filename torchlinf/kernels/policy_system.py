@@ -4,7 +4,7 @@ Where up(x) = y and down(y) = x, the two pixels are linked. A maximal chain of l
 constant coefficients, and depends on at most two pixels outside it: the down neighbour of its head (lowest pixel) and
 the up neighbour of its last (highest). Under an optimal policy nothing depends on itself but through links, so that
 following what is missing from pixel to pixel, and solving on the way back, is all. Where a wrong policy ties chains
-into a cycle, `strong_components.solve_cycle` solves that.
+into a cycle, `strong_components` solves that.
 
 Unsolved values are negative: so one look at a neighbour tells whether its value is known, and which it is.
 """
@@ -18,7 +18,7 @@ from torchlinf.kernels import stencil
 from torchlinf.kernels.chains import chain_factors, solve_chain
 from torchlinf.kernels.compiler import inlined, kernel
 from torchlinf.kernels.grid import Grid
-from torchlinf.kernels.strong_components import MEMBERS, ROWS, SEARCHED, search_components, solve_cycle, solve_left_over
+from torchlinf.kernels.strong_components import MEMBERS, ROWS, SEARCHED, search_components, solve_left_over
 
 _SOLVED = -1
 _ON_PATH = -1
@@ -71,7 +71,7 @@ class PolicySystem:
         for stop in self._stops:
             check()
             while True:
-                unknowns += _follow_all(
+                unknowns += follow_all(
                     v, starts[:stop], ends[:stop], *policies, self._owner, self._path, self._chains, state, search
                 )
                 if search[MEMBERS] == 0:
@@ -80,24 +80,18 @@ class PolicySystem:
             state[_RUN], state[_HEIGHT] = stop, 0
         return unknowns
 
-    def solve_cycle(self, v: np.ndarray, state: np.ndarray, tol: float) -> int:
-        """Solve the cycle that `follow_chains` has stopped at."""
-        return solve_cycle(
-            v, int(self._path[state[_HEIGHT] - 1]), self.up, self.down, self._factors, self._screening, tol,
-            self._owner, self._chains,
-        )  # fmt: skip
-
     @property
     def scratch(self) -> tuple[np.ndarray, ...]:
-        """What `follow_chains` works on: policies up and down, the factors of chains, and two arrays of scratch."""
-        return self.up, self.down, self._factors, self._owner, self._path
+        """What `follow_all` works on: policies up and down, the factors of chains, and three arrays of scratch."""
+        return self.up, self.down, self._factors, self._owner, self._path, self._chains
 
 
 @kernel
-def _follow_all(v, starts, ends, up, down, factors, screening, owner, path, chains, state, search):  # type: ignore[no-untyped-def]
+def follow_all(v, starts, ends, up, down, factors, screening, owner, path, chains, state, search):  # type: ignore[no-untyped-def]
     """Solve chain by chain and cycle by cycle, until one is left over, as `search` says; returns the cycles' unknowns.
 
-    Cycles are many and mostly small, so that a return to Python at each would cost as much as they do.
+    When that one is solved, this is to be called again. Cycles are many and mostly small, so that a return to Python at
+    each would cost as much as they do.
     """
     unknowns = 0
     while search[MEMBERS] > 0 or follow_chains(v, starts, ends, up, down, factors, screening, owner, path, state):

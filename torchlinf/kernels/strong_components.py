@@ -35,31 +35,6 @@ ROOM = 8  # numbers a row that elimination may need at a time; what needs more i
 _ITERATIONS = 1000  # rarely needed, but a component left inexact ties its pixels into still larger ones next time
 
 
-def solve_cycle(
-    v: np.ndarray,
-    root: int,
-    up: np.ndarray,
-    down: np.ndarray,
-    factors: np.ndarray,
-    screening: float,
-    tol: float,
-    owner: np.ndarray,
-    chains: np.ndarray,
-) -> int:
-    """Solve a pixel and all it depends on, in place; returns the number of unknowns in components that were no chain.
-
-    Components that elimination has no room for are solved to `tol`, all others exactly. `owner` is 0 or less at what
-    is unsolved, and 0 at what this has solved; `chains`, (ROWS, pixels), is scratch.
-    """
-    search = np.zeros(SEARCHED, np.int64)
-    unknowns = 0
-    while True:
-        unknowns += search_components(v, root, up, down, factors, screening, owner, chains, search)
-        if search[MEMBERS] == 0:
-            return unknowns
-        unknowns += solve_left_over(v, tol, up, down, factors, screening, owner, chains, search)
-
-
 def solve_left_over(
     v: np.ndarray,
     tol: float,

@@ -202,16 +202,12 @@ class SolvedShape:
         starts = np.array([0, *itertools.accumulate(map(len, flips))])
         values, bounds = np.empty((len(flips), len(self.levels.values))), np.empty(len(flips))
         values[:] = self.levels.values
-        done, state = 0, field.field.state
-        while True:
-            self._check()
-            done = kernels.try_each(
-                field.distances, field.field, self._histograms, places, starts, done, hold, field.radius, field.bound,
-                values, bounds,
-            )  # fmt: skip
-            if state[kernels.FLIP] != kernels.CYCLE:
-                break
-            field.solve_cycle(bounds[done])
+        self._check()
+        done = kernels.try_each(
+            field.distances, field.field, self._histograms, places, starts, hold, field.radius, field.bound, values,
+            bounds,
+        )  # fmt: skip
+        state = field.field.state
         exact = np.zeros(values.shape[1])
         found = [SolvedLevels(values[i], exact, float(bounds[i]), True) for i in range(done)]
         if done == len(flips):
@@ -335,8 +331,9 @@ def _levels_after(
         reached.reshape(-1)[pixels] = True
     box = bounding_box(reached)
     inner = np.ascontiguousarray(mask[box])
-    index = np.arange(mask.size).reshape(mask.shape)[box].reshape(-1)
-    flips = [np.searchsorted(index, pixels) for pixels in flips]
+    within = np.empty(mask.shape, np.int64)
+    within[box] = np.arange(inner.size).reshape(inner.shape)
+    flips = [within.reshape(-1)[pixels] for pixels in flips]
     if has_compiler():
         shape = SolvedShape(inner, measure, check)
         return [shape.levels.values, *(levels.values for levels in shape.after_each(flips))]
