@@ -5,8 +5,8 @@ after pixels are removed every value falls, after pixels are filled every value 
 residual is left, and nowhere else.
 """
 
+from torchlinf.kernels.chains import follow_chains
 from torchlinf.kernels.compiler import inlined, kernel
-from torchlinf.kernels.policy_system import follow_chains
 
 # Places of `state`: how many pixels are listed, and solves done; how `advance` ended; how many pixels are being solved
 # for, and from CHAINS on what `follow_chains` keeps.
