@@ -95,6 +95,19 @@ def test_only_kernels_know_the_compiler() -> None:
     assert naming == {"kernels"}
 
 
+def test_kernels_know_neither_infinity_nor_nan() -> None:
+    """They are compiled as if there were none, so that a comparison with one may have any result."""
+    found = []
+    for file in (PACKAGE / "kernels").glob("*.py"):
+        for function in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(function, ast.FunctionDef) and {"kernel", "inlined"} & {
+                ast.unparse(decorator) for decorator in function.decorator_list
+            }:
+                names = {node.attr for node in ast.walk(function) if isinstance(node, ast.Attribute)}
+                found += [f"{file.name}: {name}" for name in names & {"inf", "nan", "isnan", "isinf", "isfinite"}]
+    assert not found
+
+
 def loaded(code: str) -> set[str]:
     """Top-level packages in memory after some code has run in a process of its own."""
     code += "\nimport sys; print(*{name.partition('.')[0] for name in sys.modules})"

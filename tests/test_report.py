@@ -365,8 +365,9 @@ class Browser:
     def requests(self) -> list[str]:
         """The addresses that the page asked for; a busy browser may still be loading its own first tab."""
         events = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
-        sent = [event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"]
-        return [address for address in sent if not address.startswith(("data:", "chrome:"))]
+        sent = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
+        asked = [one["request"]["url"] for one in sent if not one["documentURL"].startswith("chrome")]
+        return [address for address in asked if not address.startswith("data:")]
 
 
 @pytest.fixture(scope="module")

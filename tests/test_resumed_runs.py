@@ -186,8 +186,8 @@ def test_killed_again_and_again_the_table_is_complete(name: str, workers: int, m
             if count > 1:  # the first kill may come before the workers
                 assert len(workers_left) >= workers if workers > 1 else not workers_left
             process.send_signal(signal.SIGKILL)
-            assert process.wait(timeout=20) == -signal.SIGKILL
-        wait_for(lambda left=workers_left: not any(os.path.exists(f"/proc/{pid}") for pid in left), 20)
+            assert process.wait(timeout=60) == -signal.SIGKILL
+        wait_for(lambda left=workers_left: not any(os.path.exists(f"/proc/{pid}") for pid in left))
         assert not table.exists()
         found = [row.path for row in read_table(growing)]
         assert count - 1 <= len(set(found)) == len(found) < 160

@@ -152,6 +152,21 @@ def test_a_box_and_limits_are_left_alone() -> None:
     assert 0 < int((little.mask != (probability > 0.5)).sum()) <= 0.05 * area
 
 
+def slits(before: NDArray[np.bool_], after: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Rows and pixels of the new slits and spikes: connected runs of new pixels, both of whose ends meet old ones."""
+    found = []
+    for old, new in ((before, after), (~before, ~after), (before.T, after.T), (~before.T, ~after.T)):
+        changed, gone = np.pad(old & ~new, 1), np.pad(~new, 1, constant_values=True)
+        runs = np.zeros_like(changed)
+        for i, line in enumerate(gone):
+            label, count = ndimage.label(line)
+            for k in range(1, count + 1):
+                runs[i, label == k] = changed[i, label == k].all()
+        label, count = ndimage.label(runs, np.ones((3, 3)))
+        found += [(int((label == k).any(axis=1).sum()), int((label == k).sum())) for k in range(1, count + 1)]
+    return [(rows, pixels) for rows, pixels in found if rows**2 > 2 * pixels]
+
+
 def check_topology(count: int, seed: int) -> None:
     probability = blobs(count, 23, 28, seed=seed, smooth=1.0)
     found = simplify(probability, weight=0.1, keep_topology=True, spatial_ndim=2)
@@ -159,16 +174,34 @@ def check_topology(count: int, seed: int) -> None:
     assert int((found.num_flips > 0).sum()) > 0.6 * count
     for before, after in zip(inside, found.mask.numpy(), strict=True):
         assert topology(after) == topology(before)
+        assert not slits(before, after)
     assert float(found.after.mean()) < float(found.before.mean())
 
 
-def test_topology_is_kept() -> None:
+def test_topology_is_kept_without_slits() -> None:
     check_topology(12, 0)
 
 
 @pytest.mark.slow
-def test_topology_is_kept_on_a_thousand_shapes() -> None:
+def test_topology_is_kept_without_slits_on_a_thousand_shapes() -> None:
     check_topology(1000, 1)
+
+
+def test_no_slit_is_cut_and_no_spike_drawn() -> None:
+    wall = np.zeros((12, 14), bool)
+    wall[4:10, 1:11] = True
+    cut, notched, spiked, bumpy = wall.copy(), wall.copy(), wall.copy(), wall.copy()
+    cut[4:7, 5], notched[4:6, 4:6] = False, False
+    spiked[7, 11:14], bumpy[7:9, 11:14] = True, True
+    assert slits(wall, cut) == slits(wall, spiked) == [(3, 3)]
+    assert slits(wall, notched) == slits(wall, bumpy) == slits(cut, wall) == slits(spiked, wall) == []
+    count = 60
+    probability = blobs(count, 33, 38, seed=3, smooth=2.0)
+    inside = (probability > 0.5).numpy()
+    for weight in (0.1, 3.0):
+        found = simplify(probability, weight=weight, spatial_ndim=2)
+        assert int((found.num_flips > 0).sum()) > 0.6 * count
+        assert not any(slits(before, after) for before, after in zip(inside, found.mask.numpy(), strict=True))
 
 
 def test_the_test_of_topology_agrees_with_the_tree() -> None:

@@ -221,14 +221,23 @@ def test_names_of_any_width_and_any_windows(
 def test_the_bar_shows_what_a_long_solve_says(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")  # what rich takes for a terminal
     monkeypatch.setenv("COLUMNS", "120")
+    told = ""
+
+    def until_told(text: str) -> None:
+        nonlocal told
+        end = time.monotonic() + 60
+        while text not in told:
+            assert time.monotonic() < end, told
+            time.sleep(0.05)  # the bar is drawn ten times a second
+            told += capsys.readouterr().err
+
     with progress(0, 2, shown=True) as advance:
         parallel.tell("4,711 pixels, residual 3e-02")
-        time.sleep(0.3)  # the bar is drawn ten times a second
+        until_told("4,711 pixels, residual 3e-02")
         advance()
-        time.sleep(0.3)
+        until_told("1/2")
     parallel.tell("nobody listens any more")
-    told = capsys.readouterr().err
-    assert "4,711 pixels, residual 3e-02" in told
+    told += capsys.readouterr().err
     assert "4,711" not in told[told.rindex("1/2") :]  # another mask has begun
     assert "nobody" not in told
 

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from functools import partial
 
 import pytest
@@ -80,12 +80,14 @@ def test_a_worker_that_is_killed_by_chance_costs_nothing() -> None:
 
 def test_threads_end_with_the_iterator() -> None:
     """What they solve is given up at its next check: a thread cannot be interrupted from outside."""
+    begun = threading.Event()
     given_up = []
 
     def endless(task: int) -> int:
         def turn(_: int, check: Callable[[], None]) -> None:
             try:
                 while task > 1:
+                    begun.set()
                     check()
                     time.sleep(0.001)
             except Cancelled:
@@ -95,12 +97,10 @@ def test_threads_end_with_the_iterator() -> None:
         for_each(turn, 1)
         return task
 
-    found = in_order(endless, iter(range(20)), workers=2, seconds=float, died=abs)
-    assert [next(found), next(found)] == [0, 1]
-    start = time.monotonic()
-    found.close()
-    assert time.monotonic() - start < 5
-    assert given_up  # one of the two may not have begun
+    with closing(in_order(endless, iter(range(20)), workers=2, seconds=float, died=abs)) as found:
+        assert [next(found), next(found)] == [0, 1]
+        assert begun.wait(60)
+    assert given_up  # the other of the two may not have begun
     assert set(given_up) <= {2, 3}
 
 

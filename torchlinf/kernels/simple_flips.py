@@ -1,8 +1,13 @@
-"""Whether a set of pixels can be flipped without a change of topology: pixel by pixel, each flip being simple."""
+"""Whether a set of pixels can be flipped without a change of topology, pixel by pixel, each flip being simple.
+
+And whether that has cut a slit, or drawn a spike, which topology allows.
+"""
 
 import numpy as np
 
-from torchlinf.kernels.compiler import kernel
+from torchlinf.kernels.compiler import inlined, kernel
+
+DEEP = 2  # times its width that a notch may be deep, or a bump high, which was not there before
 
 
 def simple_neighbourhoods() -> np.ndarray:
@@ -50,3 +55,60 @@ def flip_simply(mask, pixels, around, simple, waiting):  # type: ignore[no-untyp
     for k in range(left):
         mask[waiting[k]] = 1 - mask[waiting[k]]
     return False
+
+
+@kernel
+def has_slit(mask, before, pixels, around, strides):  # type: ignore[no-untyped-def]
+    """Whether there is a new slit or spike at some of these pixels: more than `DEEP` times as deep as it is wide.
+
+    A slit is made of pixels that all were inside before, a spike of pixels that all were outside: run beside run, each
+    of which ends at the other kind. `mask` and `before` are flat, padded and 2-D (uint8), of these `strides`; `around`
+    are the offsets of the neighbours of a pixel, whose runs a flip may have made, or cut.
+    """
+    for pixel in pixels:
+        for k in range(around.size + 1):
+            x = pixel if k == around.size else pixel + around[k]
+            if mask[x] != before[x] and (
+                _is_in_slit(mask, before, x, strides[0], strides[1])
+                or _is_in_slit(mask, before, x, strides[1], strides[0])
+            ):
+                return True
+    return False
+
+
+@kernel
+def _is_in_slit(mask, before, x, along, across):  # type: ignore[no-untyped-def]
+    """Whether a pixel is in a slit or spike whose runs go along one axis."""
+    first, last = _new_run(mask, before, x, along)
+    if first < 0:
+        return False
+    rows, total = 1, (last - first) // along + 1
+    for side in (across, -across):
+        here, there = first, last
+        while rows * rows <= DEEP * total:
+            beside, end = -1, -1
+            for y in range(here + side - along, there + side + along + 1, along):
+                if mask[y] == mask[x]:
+                    beside, end = _new_run(mask, before, y, along)
+                    if beside >= 0:
+                        break
+            if beside < 0:
+                break
+            here, there = beside, end
+            rows += 1
+            total += (there - here) // along + 1
+    return rows * rows > DEEP * total
+
+
+@inlined
+def _new_run(mask, before, x, along):  # type: ignore[no-untyped-def]
+    """The first and last pixel of the run through a pixel, -1 if some of it was there before."""
+    kind = mask[x]
+    first, last = x, x
+    while mask[first] == kind and before[first] != kind:
+        first -= along
+    while mask[last] == kind and before[last] != kind:
+        last += along
+    if first == x or mask[first] == kind or mask[last] == kind:
+        return -1, -1
+    return first + along, last - along

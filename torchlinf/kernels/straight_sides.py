@@ -11,6 +11,8 @@ import numpy as np
 from torchlinf.kernels.compiler import inlined, kernel
 
 ALL, LAST = 48, 32  # of the runs from a point, those with so few points are tried, and so many of the longest
+_FAR = 1e300  # stands for infinity: compiled code takes it that there is none
+_SLACKS = (1.0, 4.0, _FAR)  # prices above the least that is possible, up to which chains are looked for
 _TURN = 0.35  # sine of the largest angle that a line is turned by into the frame: 20 degrees
 _EXACT = 1e-9
 # Both sides at a right angle may lie 1 off the true walls; then their corner is sqrt(2) off.
@@ -24,8 +26,8 @@ def runs(points, sums, frame, free):  # type: ignore[no-untyped-def]
     Args:
         points: (N, 2) in the order of the ring.
         sums: (2 N + 1, 6) sums of length, x, y, xx, xy, yy along the outline from point 0, twice around.
-        frame: angle in radians of the object's own frame; NaN if it has none.
-        free: price, in sides, of a line that does not lie along the frame.
+        frame: angle in radians of the object's own frame.
+        free: price, in sides, of a line that does not lie along the frame; 0 if there is no frame.
 
     Returns:
         The first and last point (R, 2) of each run, the first below N; its line (R, 3) as the direction of travel and
@@ -41,67 +43,58 @@ def runs(points, sums, frame, free):  # type: ignore[no-untyped-def]
     around = sums[number, 0]
     for i in range(number):
         begin = count
-        low, high = 0, -1  # of the hull, a deque of points in counter-clockwise order, the first again as the last
-        left, right, started = 0.0, 0.0, False  # the cone of directions from point i
         x0, y0 = points[i, 0], points[i, 1]
-        ahead_x, ahead_y = 0.0, 0.0
         middle = 2 * number
-        for j in range(i + 1, i + number):
-            x, y = points[j % number, 0], points[j % number, 1]
-            # A line within 1 of both points has an angle to the line through them of at most asin(2 / distance).
-            away = np.hypot(x - x0, y - y0)
-            if away > 2.0:
-                half = np.arcsin(2.0 / away)
-                if not started:
-                    started, ahead_x, ahead_y, left, right = True, (x - x0) / away, (y - y0) / away, half, -half
+        stop = _reach(points, i)
+        # Of very many only the short and the longest ones: a wall ends where its run can go no farther. The longest
+        # are looked for near `stop` first, and if they are not there, everywhere.
+        for near in (stop - 3 * LAST, i):
+            count = begin
+            low, high = middle, middle + 2  # of the hull, a deque of points in counter-clockwise order, closed
+            for j in range(i + 1, stop):
+                x, y = points[j % number, 0], points[j % number, 1]
+                if j == i + 1:
+                    hull[low, 0], hull[low, 1] = x, y
+                    hull[low + 1, 0], hull[low + 1, 1] = x0, y0
+                    hull[high, 0], hull[high, 1] = x, y
                 else:
-                    angle = np.arctan2(ahead_x * (y - y0) - ahead_y * (x - x0), ahead_x * (x - x0) + ahead_y * (y - y0))
-                    left, right = min(left, angle + half), max(right, angle - half)
-                    if left < right:
-                        break
-            if j == i + 1:
-                low, high = middle, middle + 2
-                hull[low, 0], hull[low, 1] = x, y
-                hull[low + 1, 0], hull[low + 1, 1] = x0, y0
-                hull[high, 0], hull[high, 1] = x, y
-            else:
-                low, high = _grown(hull, low, high, x, y)
-            length, sx, sy, xx, xy, yy = _moments(sums, i, j)
-            mx, my = sx / length, sy / length
-            xx, xy, yy = xx / length - mx * mx, xy / length - mx * my, yy / length - my * my
-            angle = 0.5 * np.arctan2(2 * xy, xx - yy)
-            c, s = np.cos(angle), np.sin(angle)
-            if c * (x - x0) + s * (y - y0) < 0:
-                c, s = -c, -s
-            for kind in range(2):
-                price = 1.0
-                if kind == 1:
-                    if np.isnan(frame):
-                        break
-                    quarter = np.rint((np.arctan2(s, c) - frame) / (np.pi / 2)) * (np.pi / 2) + frame
-                    c0, s0 = np.cos(quarter), np.sin(quarter)
-                    if abs(c0 * s - s0 * c) > _TURN:
-                        break
-                    c, s = c0, s0
-                elif not np.isnan(frame):
-                    price += free
-                least, most, back, front = np.inf, -np.inf, np.inf, -np.inf
-                for k in range(low, high):
-                    off, along = c * hull[k, 1] - s * hull[k, 0], c * hull[k, 0] + s * hull[k, 1]
-                    least, most = min(least, off), max(most, off)
-                    back, front = min(back, along), max(front, along)
-                if most - least > 2.0 or c * x + s * y < front - 1.0 or c * x0 + s * y0 > back + 1.0:
+                    low, high = _grown(hull, low, high, x, y)
+                if i + ALL < j < near:
                     continue
-                offset = min(max(c * my - s * mx, most - 1.0), least + 1.0)
-                spread = s * s * xx - 2 * c * s * xy + c * c * yy + (offset - (c * my - s * mx)) ** 2
-                if count == room:
-                    ends, lines, prices = _doubled(ends), _doubled(lines), _doubled_row(prices)
-                    room *= 2
-                ends[count, 0], ends[count, 1] = i, j
-                lines[count, 0], lines[count, 1], lines[count, 2] = c, s, offset
-                prices[count] = price + max(spread, 0.0) * length / around
-                count += 1
-        # Of very many only the short and the longest ones: a wall ends where its run can go no farther.
+                length, sx, sy, xx, xy, yy = _moments(sums, i, j)
+                mx, my = sx / length, sy / length
+                xx, xy, yy = xx / length - mx * mx, xy / length - mx * my, yy / length - my * my
+                angle = 0.5 * np.arctan2(2 * xy, xx - yy)
+                c, s = np.cos(angle), np.sin(angle)
+                if c * (x - x0) + s * (y - y0) < 0:
+                    c, s = -c, -s
+                for kind in range(1 if free == 0.0 else 2):
+                    price = 1.0 + free
+                    if kind == 1:
+                        price = 1.0
+                        quarter = np.rint((np.arctan2(s, c) - frame) / (np.pi / 2)) * (np.pi / 2) + frame
+                        c0, s0 = np.cos(quarter), np.sin(quarter)
+                        if abs(c0 * s - s0 * c) > _TURN:
+                            break
+                        c, s = c0, s0
+                    least, most, back, front = _FAR, -_FAR, _FAR, -_FAR
+                    for k in range(low, high):
+                        off, along = c * hull[k, 1] - s * hull[k, 0], c * hull[k, 0] + s * hull[k, 1]
+                        least, most = min(least, off), max(most, off)
+                        back, front = min(back, along), max(front, along)
+                    if most - least > 2.0 or c * x + s * y < front - 1.0 or c * x0 + s * y0 > back + 1.0:
+                        continue
+                    offset = min(max(c * my - s * mx, most - 1.0), least + 1.0)
+                    spread = s * s * xx - 2 * c * s * xy + c * c * yy + (offset - (c * my - s * mx)) ** 2
+                    if count == room:
+                        ends, lines, prices = _doubled(ends), _doubled(lines), _doubled_row(prices)
+                        room *= 2
+                    ends[count, 0], ends[count, 1] = i, j
+                    lines[count, 0], lines[count, 1], lines[count, 2] = c, s, offset
+                    prices[count] = price + max(spread, 0.0) * length / around
+                    count += 1
+            if near <= i + ALL or (count > begin and ends[count - 1, 1] >= near + LAST):
+                break
         if count > begin:
             farthest = ends[count - 1, 1]
             kept = begin
@@ -111,6 +104,40 @@ def runs(points, sums, frame, free):  # type: ignore[no-untyped-def]
                     kept += 1
             count = kept
     return ends[:count].copy(), lines[:count].copy(), prices[:count].copy()
+
+
+@kernel
+def _reach(points, i):  # type: ignore[no-untyped-def]
+    """One more than the last point, counted from i on around the ring, that a run from point i may end at.
+
+    A line within 1 of two points has an angle to the line through them of at most asin(2 / distance). So the directions
+    that are left are a cone, here of at most 60 degrees, from `right` to `left`.
+    """
+    number = len(points)
+    x0, y0 = points[i, 0], points[i, 1]
+    started = False
+    left_x, left_y, right_x, right_y = 0.0, 0.0, 0.0, 0.0
+    for j in range(i + 1, i + number):
+        x, y = points[j % number, 0] - x0, points[j % number, 1] - y0
+        away = x * x + y * y
+        if away <= 16.0:
+            continue
+        away = np.sqrt(away)
+        x, y, s = x / away, y / away, 2.0 / away
+        c = np.sqrt(1.0 - s * s)
+        lx, ly, rx, ry = c * x - s * y, c * y + s * x, c * x + s * y, c * y - s * x
+        if not started:
+            started, left_x, left_y, right_x, right_y = True, lx, ly, rx, ry
+            continue
+        if x * (left_x + right_x) + y * (left_y + right_y) <= 0:
+            return j
+        if lx * left_y - ly * left_x > 0:
+            left_x, left_y = lx, ly
+        if right_x * ry - right_y * rx > 0:
+            right_x, right_y = rx, ry
+        if right_x * left_y - right_y * left_x < 0:
+            return j
+    return i + number
 
 
 @kernel
@@ -153,42 +180,31 @@ def cheapest(points, ends, lines, prices, anchor):  # type: ignore[no-untyped-de
             if last <= number:
                 by_end[fill[last]] = r
                 fill[last] += 1
-    best = np.full(count, np.inf)
-    before = np.full(count, -1, np.int64)
-    corner = np.zeros((count, 2))
-    best[anchor] = prices[anchor]
-    whole, final = np.inf, -1
-    closing = np.zeros(2)
-    for step in range(1, number + 1):
+    # What is left from each step on costs at least so much, whether the runs can be joined or not.
+    rest = np.full(number + 1, _FAR)
+    rest[number] = 0.0
+    for step in range(number - 1, 0, -1):
         i = (start + step) % number
-        closes = step == number
-        # By price, so that the first that fits is the cheapest.
-        for k in range(into[step] + 1, into[step + 1]):
-            r = by_end[k]
-            while k > into[step] and best[by_end[k - 1]] > best[r]:
-                by_end[k] = by_end[k - 1]
-                k -= 1
-            by_end[k] = r
         for q in range(first[i], first[i + 1]):
-            if (closes and q != anchor) or (not closes and step + ends[q, 1] - ends[q, 0] > number):
-                continue
-            for k in range(into[step], into[step + 1]):
-                r = by_end[k]
-                if best[r] == np.inf:
-                    break
-                fits, x, y = _joined(points, ends, lines, r, q)
-                # Along run r its first corner must come before its last one.
-                if not fits or (
-                    r != anchor and lines[r, 0] * (x - corner[r, 0]) + lines[r, 1] * (y - corner[r, 1]) <= 0
-                ):
-                    continue
-                if closes:
-                    whole, final = best[r], r
-                    closing[0], closing[1] = x, y
-                else:
-                    best[q], before[q] = best[r] + prices[q], r
-                    corner[q, 0], corner[q, 1] = x, y
-                break
+            last = step + ends[q, 1] - ends[q, 0]
+            if last <= number:
+                rest[step] = min(rest[step], prices[q] + rest[last])
+    best = np.empty(count)
+    before = np.empty(count, np.int64)
+    corner = np.zeros((count, 2))
+    closing = np.zeros(2)
+    whole, final = _FAR, -1
+    # Chains that must cost more than a limit are left out. A chain below it is the one that is found without a limit.
+    for slack in _SLACKS:
+        limit = prices[anchor] + rest[ends[anchor, 1] - start] + slack
+        best[:] = _FAR
+        before[:] = -1
+        best[anchor] = prices[anchor]
+        whole, final = _passed(
+            points, ends, lines, prices, anchor, first, into, by_end.copy(), rest, limit, best, before, corner, closing
+        )
+        if final >= 0:
+            break
     length = 0
     r = final
     while r >= 0:
@@ -204,6 +220,51 @@ def cheapest(points, ends, lines, prices, anchor):  # type: ignore[no-untyped-de
     if length:
         corners[0] = closing
     return chain, corners, whole
+
+
+@kernel
+def _passed(  # type: ignore[no-untyped-def]
+    points, ends, lines, prices, anchor, first, into, by_end, rest, limit, best, before, corner, closing
+):
+    """One pass around the ring: fills `best`, `before` and `corner` of each run, and `closing`, the anchor's corner.
+
+    Returns the price of the cheapest closed chain, and its last run, -1 if none is within the limit.
+    """
+    number = len(points)
+    start = ends[anchor, 0]
+    whole, final = _FAR, -1
+    for step in range(1, number + 1):
+        i = (start + step) % number
+        closes = step == number
+        # By price, so that the first that fits is the cheapest.
+        for k in range(into[step] + 1, into[step + 1]):
+            r = by_end[k]
+            while k > into[step] and best[by_end[k - 1]] > best[r]:
+                by_end[k] = by_end[k - 1]
+                k -= 1
+            by_end[k] = r
+        for q in range(first[i], first[i + 1]):
+            if (closes and q != anchor) or (not closes and step + ends[q, 1] - ends[q, 0] > number):
+                continue
+            left = 0.0 if closes else prices[q] + rest[step + ends[q, 1] - ends[q, 0]]
+            for k in range(into[step], into[step + 1]):
+                r = by_end[k]
+                if best[r] >= _FAR or best[r] + left > limit:
+                    break
+                fits, x, y = _joined(points, ends, lines, r, q)
+                # Along run r its first corner must come before its last one.
+                if not fits or (
+                    r != anchor and lines[r, 0] * (x - corner[r, 0]) + lines[r, 1] * (y - corner[r, 1]) <= 0
+                ):
+                    continue
+                if closes:
+                    whole, final = best[r], r
+                    closing[0], closing[1] = x, y
+                else:
+                    best[q], before[q] = best[r] + prices[q], r
+                    corner[q, 0], corner[q, 1] = x, y
+                break
+    return whole, final
 
 
 @inlined

@@ -286,12 +286,17 @@ def flipped(mask: NDArray[np.bool_], flips: Sequence[Pixels]) -> tuple[NDArray[n
 
 
 class Topology:
-    """A mask in 1-D or 2-D of which it can be told whether a flip keeps its topology."""
+    """A mask in 1-D or 2-D of which it can be told whether a flip keeps its topology, and draws no slit and no spike.
+
+    Topology allows slits that come from the outside, and spikes. They are those of `simple_flips.has_slit`, against the
+    mask that was given at first.
+    """
 
     def __init__(self, mask: NDArray[np.bool_]) -> None:
         from torchlinf.kernels.simple_flips import simple_neighbourhoods
 
         self._mask = np.pad(mask, 1).astype(np.uint8)
+        self._before = self._mask.reshape(-1).copy()
         index = np.zeros(self._mask.shape, np.bool_)
         index[(slice(1, -1),) * mask.ndim] = True
         self._place = np.flatnonzero(index).astype(np.int32)
@@ -301,11 +306,16 @@ class Topology:
         self._simple = simple_neighbourhoods()
 
     def keeps(self, pixels: Pixels, make: bool = False) -> bool:
-        """Whether a flip of these pixels is a series of simple flips; with `make` they stay flipped."""
-        from torchlinf.kernels.simple_flips import flip_simply
+        """Whether a flip of these pixels is a series of simple flips that leaves no new slit and no new spike.
+
+        With `make` they stay flipped.
+        """
+        from torchlinf.kernels.simple_flips import flip_simply, has_slit
 
         flat, places = self._mask.reshape(-1), self._place[pixels]
         kept = bool(flip_simply(flat, places, self._around, self._simple, np.empty(len(places), np.int32)))
-        if kept and not make:
+        strides = self._mask.shape[-1], 1
+        slit = kept and self._mask.ndim == 2 and has_slit(flat, self._before, places, self._around, strides)
+        if kept and (slit or not make):
             flat[places] ^= 1
-        return kept
+        return kept and not slit

@@ -99,8 +99,9 @@ def simplify(
         max_change: share of the area of a shape (object) that may be changed, in (0, 1]. No single flip is of more than
             half of it.
         keep_topology: if True, only flips that consist of simple flips of pixels are made: components (joined through
-            faces and corners), holes (joined through faces) and how they lie in each other stay the same. In 1-D and
-            2-D only: pass False for volumes.
+            faces and corners), holes (joined through faces) and how they lie in each other stay the same. No new slit
+            is cut, and no new spike drawn, of more than twice the depth of its width. In 1-D and 2-D only: pass False
+            for volumes.
         per: "object": each component (joined through faces and corners) is simplified alone, by its own complexity,
             and never touches another one; it grows by at most 16 pixels. Or "mask", all together.
         allowed: bool, like the prediction: the pixels that shapes may gain, all by default. For example those that no

@@ -70,8 +70,9 @@ def simplify(
         tries: how many regions have to be tried in vain, one after another, for an end, as in `torchlinf.simplify`;
             twice as many by default, since outlines have few large parts.
         max_change: share of the area of a polygon that may be changed, in (0, 1].
-        keep_topology: whether the drawing keeps its components, joined through faces and corners, and holes. Without
-            it a flip may cut a polygon in two. What is joined by a corner alone comes out as two polygons.
+        keep_topology: whether the drawing keeps its components, joined through faces and corners, and holes, and no
+            new slit or spike is more than twice as deep as wide. Without it a flip may cut a polygon in two. What is
+            joined by a corner alone comes out as two polygons.
         straighten: None, or a tolerance above 0 in the unit of the coordinates. Then every outline, flipped or not,
             gets as few straight sides as stay so near to it. Each side is fitted to its part of the outline by least
             squares; it lies along the frame of the long sides where the tolerance lets it, else it keeps its own

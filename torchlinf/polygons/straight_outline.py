@@ -105,7 +105,7 @@ def _straight_rings(rings: list[Points]) -> list[Points]:
     """The rings of one polygon, whose long sides share a frame; a tolerance of 1."""
     candidates = [_candidates(ring) for ring in rings]
     sums = [_sums(points) for points in candidates]
-    first = [_straight_ring(points, sum_, np.nan) for points, sum_ in zip(candidates, sums, strict=True)]
+    first = [_straight_ring(points, sum_, None) for points, sum_ in zip(candidates, sums, strict=True)]
     frame = _frame(np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in first]))
     return [_straight_ring(points, sum_, frame) for points, sum_ in zip(candidates, sums, strict=True)]
 
@@ -126,17 +126,17 @@ def _sums(points: Points) -> Points:
     return np.concatenate([np.zeros((1, 6)), np.cumsum(np.concatenate([pieces, pieces]), axis=0)])
 
 
-def _straight_ring(points: Points, sums: Points, frame: float) -> Points:
+def _straight_ring(points: Points, sums: Points, frame: float | None) -> Points:
     """The corners of the cheapest ring. A chain must begin somewhere: at the longest run, then at a side of the result.
 
     Args:
         points: (N, 2) candidates.
         sums: those of the points.
-        frame: angle of the polygon's frame in radians; NaN if it is not known yet.
+        frame: angle of the polygon's frame in radians; None if it is not known yet.
     """
     from torchlinf.kernels.straight_sides import cheapest, runs
 
-    ends, lines, prices = runs(points, sums, frame, FREE)
+    ends, lines, prices = runs(points, sums, frame or 0.0, 0.0 if frame is None else FREE)
     if not len(ends):
         return points[::2]
     length = np.hypot(*(points[ends[:, 1] % len(points)] - points[ends[:, 0]]).T)
