@@ -210,7 +210,7 @@ def component_rows(v, first, stop, chains, owner, up, factors):  # type: ignore[
     unknowns.
     """
     size = 0
-    longest = 0
+    longest = np.int64(0)
     for k in range(first, stop):  # make `owner` negative where a chain depends on it
         chain = chains[LEFT, k]
         longest = max(longest, np.int64(chains[LENGTH, chain]))
