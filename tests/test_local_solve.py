@@ -90,7 +90,7 @@ def test_a_cycle_that_cannot_be_eliminated_leaves_the_flip_to_a_solve_of_the_who
     from torchlinf.kernels import local_field, local_flips
 
     def left_over(v: Any, starts: Any, ends: Any, *rest: Any) -> None:
-        """What `follow_all` leaves where elimination has no room: no flip was found that it has none for."""
+        """What `solve_runs` leaves where elimination has no room: no flip was found that it has none for."""
         owner, search = rest[4], rest[-1]
         v[starts] *= -1
         owner[starts] = 1
@@ -108,7 +108,7 @@ def test_a_cycle_that_cannot_be_eliminated_leaves_the_flip_to_a_solve_of_the_who
     after[box] ^= True
     expected = torchlinf.solve_field(torch.from_numpy(after), spatial_ndim=2).value.numpy()
     with monkeypatch.context() as patched:
-        patched.setattr(local_field, "follow_all", left_over)
+        patched.setattr(local_field, "solve_runs", left_over)
         patched.setattr(local_flips, "solve", lambda d, f: advance.py_func(f.v, d.distance, d.block, *f[1:]))
         assert not field.apply(index[box].ravel(), checked).solved
     assert not field.field.owner.any()

@@ -186,7 +186,7 @@ def test_chains_are_the_tridiagonal_system(length: int, screening: float, peak: 
     chains.solve_chain(v, 1, length, length, up, down, factors, screening)
     np.testing.assert_allclose(v[1:-1], constant + below * by_below + above * by_above, rtol=1e-12)
     responses = np.empty((3, length))
-    chains.solve_chain_affine(length, peak, factors, responses)
+    chains.solve_chain_affine(length, peak, factors, *responses)
     np.testing.assert_allclose(responses, [constant, by_below, by_above], rtol=1e-9, atol=1e-15)
 
 

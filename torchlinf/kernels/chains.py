@@ -1,4 +1,8 @@
-"""One chain of pixels, solved by Thomas' algorithm: constant coefficients, so all of the elimination is in a table."""
+"""Chains of pixels: each is solved by Thomas' algorithm, and what it depends on before it.
+
+The coefficients are constant, so all of the elimination is in a table. Unsolved values are negative, as in
+`policy_system`.
+"""
 
 import math
 
@@ -6,6 +10,11 @@ import numpy as np
 
 from torchlinf.kernels.compiler import inlined, kernel
 
+# Places of the `state` of `follow_chains`: the present run, and how many pixels are on the path.
+RUN, PATH_HEIGHT = range(2)
+BEGIN = -1  # height before the first call
+_SOLVED = -1
+_ON_PATH = -1
 _LENGTHS = 40.0  # screening lengths after which the table changes no more: what is missing has shrunk by exp(-40)
 
 
@@ -87,17 +96,117 @@ def solve_chain(v, head, last, length, up, down, factors, screening):  # type: i
 
 
 @inlined
-def solve_chain_affine(length, peak, factors, responses):  # type: ignore[no-untyped-def]
-    """v = a + b v(below) + c v(above) at every pixel of a chain, head first, as the rows of `responses`."""
+def solve_chain_affine(length, peak, factors, constants, belows, aboves):  # type: ignore[no-untyped-def]
+    """v = a + b v(below) + c v(above) at every pixel of a chain, head first, into the last three."""
     a, b, c = factors[0], factors[1], factors[2]
     end = c.size - 1
     i = min(length - 1, end)
     scale = 1.0 / (1.0 - c[i]) if peak else 1.0
     constant, below, above = a[i] * scale, b[i] * scale, 0.0 if peak else c[i]
-    responses[0, length - 1], responses[1, length - 1], responses[2, length - 1] = constant, below, above
+    constants[length - 1], belows[length - 1], aboves[length - 1] = constant, below, above
     for place in range(length - 2, -1, -1):
         i = min(place, end)
         constant = a[i] + c[i] * constant
         below = b[i] + c[i] * below
         above *= c[i]
-        responses[0, place], responses[1, place], responses[2, place] = constant, below, above
+        constants[place], belows[place], aboves[place] = constant, below, above
+
+
+@kernel
+def unsolve(v, starts, ends):  # type: ignore[no-untyped-def]
+    """Make all values negative: none is solved."""
+    for run in range(starts.size):
+        values = v[starts[run] : ends[run]]
+        for j in range(values.size):
+            values[j] = -values[j]
+
+
+@inlined
+def follow_chains(v, starts, ends, up, down, factors, screening, owner, path, state):  # type: ignore[no-untyped-def]
+    """Solve chain by chain; returns whether this stopped at a cycle, which the last pixel of `path` is part of.
+
+    When that pixel is solved, this is to be called again. `up` and `down` are the pixels' neighbours. `owner` (int32,
+    like v) is to be 0 and is so in the end; `path` (pixels,), int32, is scratch.
+    """
+    height = state[PATH_HEIGHT]
+    if height == BEGIN:
+        height = 0
+        unsolve(v, starts, ends)
+    while height > 0 and v[path[height - 1]] >= 0.0:
+        height -= 1
+    for run in range(state[RUN], starts.size):
+        for root in range(starts[run], ends[run]):
+            if v[root] >= 0.0:
+                continue
+            if height == 0:
+                above = v[up[root]]
+                below = v[down[root]]
+                if above >= 0.0 and below >= 0.0:
+                    v[root] = (1.0 + above + below) * factors[2, 0]
+                    continue
+                path[0] = root
+                owner[root] = _ON_PATH
+                height = 1
+            height = _follow_path(v, height, up, down, factors, screening, owner, path)
+            if height > 0:
+                state[RUN], state[PATH_HEIGHT] = run, height
+                return True
+    return False
+
+
+@inlined
+def _follow_path(v, height, up, down, factors, screening, owner, path):  # type: ignore[no-untyped-def]
+    """Solve the pixels of the path and all they depend on, from the last to the first.
+
+    Returns 0, or the height of the path where it meets itself.
+    """
+    while height > 0:
+        x = path[height - 1]
+        above = up[x]
+        below = down[x]
+        if v[above] >= 0.0 and v[below] >= 0.0:
+            v[x] = (1.0 + v[above] + v[below]) * factors[2, 0]
+            missing = _SOLVED
+        elif v[below] < 0.0 and below != x and up[below] != x:
+            missing = below
+        elif v[above] < 0.0 and above != x and down[above] != x:
+            missing = above
+        else:
+            missing = _try_chain(v, x, up, down, factors, screening)
+        if missing == _SOLVED:
+            owner[x] = 0
+            height -= 1
+        elif owner[missing] == _ON_PATH:
+            return height
+        else:
+            path[height] = missing
+            owner[missing] = _ON_PATH
+            height += 1
+    return 0
+
+
+@inlined
+def _try_chain(v, x, up, down, factors, screening):  # type: ignore[no-untyped-def]
+    """Solve the chain through x, or return a pixel that it depends on and that is not yet solved."""
+    missing = _SOLVED
+    length = 1
+    last = x
+    above = up[x]
+    while above != last and down[above] == last:
+        last = above
+        above = up[above]
+        length += 1
+    if v[above] < 0.0 and above != last:
+        missing = above
+    else:
+        head = x
+        below = down[x]
+        while below != head and up[below] == head:
+            head = below
+            below = down[below]
+            length += 1
+        if v[below] < 0.0 and below != head:
+            missing = below
+        else:
+            solve_chain(v, head, last, length, up, down, factors, screening)
+    return missing

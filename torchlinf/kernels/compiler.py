@@ -8,10 +8,11 @@ from typing import Any
 
 import numba
 from numba.core import event
+from numba.extending import register_jitable
 
 # Certificates rest on the order of operations, so sums may be neither fused nor reordered. NaN and infinities cannot
 # occur (inputs are checked), and saying so lets the compiler turn max and min into single vector instructions.
-_OPTIONS = {"nogil": True, "fastmath": {"nnan", "ninf", "nsz"}, "error_model": "numpy"}
+_OPTIONS = {"nogil": True, "no_cfunc_wrapper": True, "fastmath": {"nnan", "ninf", "nsz"}, "error_model": "numpy"}
 _KERNELS = __name__.rpartition(".")[0] + "."
 _said: set[str] = set()
 
@@ -26,8 +27,12 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Make `function` a part of each kernel that calls it: compiled alone as well, it would cost its time twice."""
-    return numba.njit(inline="always", **_OPTIONS)(function)
+    """Make `function` a part of each kernel that calls it; called from Python, it stays what it is.
+
+    LLVM inlines it, not numba: numba would copy and look through its statements at every call, which takes longer than
+    to compile it once a process.
+    """
+    return register_jitable(forceinline=True, **_OPTIONS)(function)
 
 
 def _warn_of_no_cache() -> None:

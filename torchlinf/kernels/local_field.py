@@ -7,11 +7,10 @@ residual is left, and nowhere else.
 
 from torchlinf._helpers.ties import equal_within
 from torchlinf.kernels.compiler import inlined, kernel
-from torchlinf.kernels.policy_system import follow_all
-from torchlinf.kernels.strong_components import MEMBERS
+from torchlinf.kernels.strong_components import MEMBERS, solve_runs
 
-# Places of `state`: how many pixels are listed, whether `advance` solved for them, and from CHAINS on what `follow_all`
-# keeps.
+# Places of `state`: how many pixels are listed, whether `advance` solved for them, and from CHAINS on what
+# `chains.follow_chains` keeps.
 LISTED, SOLVED, CHAINS = range(3)
 STATES = 4
 UNLISTED, PRESENT, LOOKED_AT = range(3)  # values of `listed`
@@ -85,7 +84,7 @@ def advance(  # type: ignore[no-untyped-def]
         size = _choose(v, distance, block, rows, near, active, count, up, down, starts, ends)
         state[CHAINS], state[CHAINS + 1] = 0, -1
         solves += 1
-        follow_all(
+        solve_runs(
             v, starts[:size], ends[:size], up, down, factors, screening, owner, path, chains, state[CHAINS:], search
         )
         if search[MEMBERS] > 0:

@@ -15,15 +15,10 @@ from collections.abc import Callable
 import numpy as np
 
 from torchlinf.kernels import stencil
-from torchlinf.kernels.chains import chain_factors, solve_chain
-from torchlinf.kernels.compiler import inlined, kernel
+from torchlinf.kernels.chains import PATH_HEIGHT, RUN, chain_factors, unsolve
 from torchlinf.kernels.grid import Grid
-from torchlinf.kernels.strong_components import MEMBERS, ROWS, SEARCHED, search_components, solve_left_over
+from torchlinf.kernels.strong_components import MEMBERS, ROWS, SEARCHED, solve_left_over, solve_runs
 
-_SOLVED = -1
-_ON_PATH = -1
-_RUN, _HEIGHT = range(2)  # places of `state`: the run that is being solved, and how many pixels are on the path
-_BEGIN = -1  # height before the first call
 _PART = 2**22  # pixels that are solved, in fractions of a second, before Ctrl-C is looked for
 
 
@@ -71,133 +66,16 @@ class PolicySystem:
         for stop in self._stops:
             check()
             while True:
-                unknowns += follow_all(
+                unknowns += solve_runs(
                     v, starts[:stop], ends[:stop], *policies, self._owner, self._path, self._chains, state, search
                 )
                 if search[MEMBERS] == 0:
                     break
                 unknowns += solve_left_over(v, tol, *policies, self._owner, self._chains, search)
-            state[_RUN], state[_HEIGHT] = stop, 0
+            state[RUN], state[PATH_HEIGHT] = stop, 0
         return unknowns
 
     @property
     def scratch(self) -> tuple[np.ndarray, ...]:
-        """What `follow_all` works on: policies up and down, the factors of chains, and three arrays of scratch."""
+        """What `solve_runs` works on: policies up and down, the factors of chains, and three arrays of scratch."""
         return self.up, self.down, self._factors, self._owner, self._path, self._chains
-
-
-@kernel
-def follow_all(v, starts, ends, up, down, factors, screening, owner, path, chains, state, search):  # type: ignore[no-untyped-def]
-    """Solve chain by chain and cycle by cycle, until one is left over, as `search` says; returns the cycles' unknowns.
-
-    When that one is solved, this is to be called again. Cycles are many and mostly small, so that a return to Python at
-    each would cost as much as they do.
-    """
-    unknowns = 0
-    while search[MEMBERS] > 0 or follow_chains(v, starts, ends, up, down, factors, screening, owner, path, state):
-        unknowns += search_components(
-            v, np.int64(path[state[_HEIGHT] - 1]), up, down, factors, screening, owner, chains, search
-        )
-        if search[MEMBERS] > 0:
-            break
-    return unknowns
-
-
-@kernel
-def unsolve(v, starts, ends):  # type: ignore[no-untyped-def]
-    """Make all values negative: none is solved."""
-    for run in range(starts.size):
-        values = v[starts[run] : ends[run]]
-        for j in range(values.size):
-            values[j] = -values[j]
-
-
-@kernel
-def follow_chains(v, starts, ends, up, down, factors, screening, owner, path, state):  # type: ignore[no-untyped-def]
-    """Solve chain by chain; returns whether this stopped at a cycle, which the last pixel of `path` is part of.
-
-    When that pixel is solved, this is to be called again. `up` and `down` are the pixels' neighbours. `owner` (int32,
-    like v) is to be 0 and is so in the end; `path` (pixels,), int32, is scratch.
-    """
-    height = state[_HEIGHT]
-    if height == _BEGIN:
-        height = 0
-        unsolve(v, starts, ends)
-    while height > 0 and v[path[height - 1]] >= 0.0:
-        height -= 1
-    for run in range(state[_RUN], starts.size):
-        for root in range(starts[run], ends[run]):
-            if v[root] >= 0.0:
-                continue
-            if height == 0:
-                above = v[up[root]]
-                below = v[down[root]]
-                if above >= 0.0 and below >= 0.0:
-                    v[root] = (1.0 + above + below) * factors[2, 0]
-                    continue
-                path[0] = root
-                owner[root] = _ON_PATH
-                height = 1
-            height = _follow(v, height, up, down, factors, screening, owner, path)
-            if height > 0:
-                state[_RUN], state[_HEIGHT] = run, height
-                return True
-    return False
-
-
-@kernel
-def _follow(v, height, up, down, factors, screening, owner, path):  # type: ignore[no-untyped-def]
-    """Solve the pixels of the path and all they depend on, from the last to the first.
-
-    Returns 0, or the height of the path where it meets itself.
-    """
-    while height > 0:
-        x = path[height - 1]
-        above = up[x]
-        below = down[x]
-        if v[above] >= 0.0 and v[below] >= 0.0:
-            v[x] = (1.0 + v[above] + v[below]) * factors[2, 0]
-            missing = _SOLVED
-        elif v[below] < 0.0 and below != x and up[below] != x:
-            missing = below
-        elif v[above] < 0.0 and above != x and down[above] != x:
-            missing = above
-        else:
-            missing = _try_chain(v, x, up, down, factors, screening)
-        if missing == _SOLVED:
-            owner[x] = 0
-            height -= 1
-        elif owner[missing] == _ON_PATH:
-            return height
-        else:
-            path[height] = missing
-            owner[missing] = _ON_PATH
-            height += 1
-    return 0
-
-
-@inlined
-def _try_chain(v, x, up, down, factors, screening):  # type: ignore[no-untyped-def]
-    """Solve the chain through x, or return a pixel that it depends on and that is not yet solved."""
-    missing = _SOLVED
-    length = 1
-    last = x
-    above = up[x]
-    while above != last and down[above] == last:
-        last = above
-        above = up[above]
-        length += 1
-    if v[above] < 0.0 and above != last:
-        missing = above
-    else:
-        head = x
-        below = down[x]
-        while below != head and up[below] == head:
-            head = below
-            below = down[below]
-            length += 1
-        if v[below] < 0.0 and below != head:
-            missing = below
-        else:
-            solve_chain(v, head, last, length, up, down, factors, screening)
-    return missing

@@ -16,7 +16,7 @@ Values below 0 are unsolved, as in `policy_system`.
 import numpy as np
 
 from torchlinf.kernels.bicgstab import bicgstab
-from torchlinf.kernels.chains import solve_chain, solve_chain_affine
+from torchlinf.kernels.chains import PATH_HEIGHT, follow_chains, solve_chain, solve_chain_affine
 from torchlinf.kernels.compiler import inlined, kernel
 
 # Rows of `chains`: the chain's lowest and highest pixel; the pixels beyond these, or these themselves where they are
@@ -32,6 +32,7 @@ HEIGHT, PENDING, CHAIN, MEMBERS = range(4)
 SEARCHED = 4
 
 ROOM = 8  # numbers a row that elimination may need at a time; what needs more is left to BiCGStab
+_GONE = -1
 _ITERATIONS = 1000  # rarely needed, but a component left inexact ties its pixels into still larger ones next time
 
 
@@ -46,9 +47,9 @@ def solve_left_over(
     chains: np.ndarray,
     search: np.ndarray,
 ) -> int:
-    """Solve the component that `search_components` has left over; returns the number of its unknowns.
+    """Solve the component that `solve_runs` has left over; returns the number of its unknowns.
 
-    The kernels that it needs compile when they are first needed.
+    The kernels that only this needs compile when they are first needed.
     """
     stop = int(search[PENDING])
     first = stop - int(search[MEMBERS])
@@ -82,18 +83,27 @@ def _iterate(
 
 
 @kernel
-def search_components(v, root, up, down, factors, screening, owner, chains, search):  # type: ignore[no-untyped-def]
-    """Solve the components that `root` depends on, until elimination has no room for one.
+def solve_runs(v, starts, ends, up, down, factors, screening, owner, path, chains, state, search):  # type: ignore[no-untyped-def]
+    """Solve chain by chain, and at each cycle the components it depends on, until elimination has no room for one.
 
     That one is left to the caller, as the last `search[MEMBERS]` chains of the pending ones; when it is solved, this is
-    to be called again. Returns the number of unknowns in components that were no chain.
+    to be called again. Cycles are many and mostly small, so that a return to Python at each would cost as much as they
+    do. `path` and `state` are those of `follow_chains`.
+
+    Returns the number of unknowns in components that were no chain.
     """
     unknowns = 0
     height, left, chain = search[HEIGHT], search[PENDING], search[CHAIN]
     resumed = search[MEMBERS] > 0
-    caller = np.int64(-1)
-    opening = np.int64(-1 if resumed else root)
+    search[MEMBERS] = 0
+    searching = resumed
+    caller, opening = np.int64(-1), np.int64(-1)
     while True:
+        if not searching:
+            if not follow_chains(v, starts, ends, up, down, factors, screening, owner, path, state):
+                return unknowns
+            searching = True
+            caller, opening = np.int64(-1), np.int64(path[state[PATH_HEIGHT] - 1])
         if opening >= 0:
             chain = height
             height += 1
@@ -106,14 +116,14 @@ def search_components(v, root, up, down, factors, screening, owner, chains, sear
                 chains[VISITED, chain] += 1
                 target = np.int64(chains[BELOW + side, chain])
                 if v[target] < 0.0 and target != chains[side, chain]:
-                    state = owner[target]
-                    if state <= 0:
+                    mark = owner[target]
+                    if mark <= 0:
                         opening = target
                         caller = chain
-                    elif state - 1 == chain:
+                    elif mark - 1 == chain:
                         chains[VISITED, chain] += _LOOP
                     else:
-                        chains[LOW, chain] = min(chains[LOW, chain], state - 1)
+                        chains[LOW, chain] = min(chains[LOW, chain], mark - 1)
                 continue
             chains[LEFT, left] = chain
             left += 1
@@ -124,25 +134,28 @@ def search_components(v, root, up, down, factors, screening, owner, chains, sear
         else:
             if not resumed:
                 if height == chain + 1 and chains[VISITED, chain] < _LOOP:
-                    head, last, length = chains[HEAD, chain], chains[LAST, chain], chains[LENGTH, chain]
-                    solve_chain(v, head, last, length, up, down, factors, screening)
+                    solve_members(v, left - 1, left, chains, up, down, factors, screening)
                 else:
                     first = left - (height - chain)
-                    size = _solve_small(v, first, left, up, down, factors, screening, owner, chains)
-                    if size == 0:
+                    target, constant, weight, index = component_rows(v, first, left, chains, owner, up, factors)
+                    if not eliminate(constant, weight, index):
+                        for k in range(first, left):
+                            member = np.int64(chains[LEFT, k])
+                            _write_owner(member + 1, member, chains, owner, up)
                         search[HEIGHT], search[PENDING], search[CHAIN] = height, left, chain
                         search[MEMBERS] = height - chain
                         return unknowns
-                    unknowns += size
+                    for j in range(target.size):  # not below 0, which would say that it is unsolved
+                        v[target[j]] = max(constant[j], 0.0)
+                    solve_members(v, first, left, chains, up, down, factors, screening)
+                    unknowns += target.size
             resumed = False
             for done in range(chain, height):
                 _write_owner(0, done, chains, owner, up)
             left -= height - chain
             height = chain
         chain = above
-        if chain < 0:
-            search[:] = 0
-            return unknowns
+        searching = chain >= 0
 
 
 @inlined
@@ -180,24 +193,6 @@ def _write_owner(value, number, chains, owner, up):  # type: ignore[no-untyped-d
 
 
 @kernel
-def _solve_small(v, first, stop, up, down, factors, screening, owner, chains):  # type: ignore[no-untyped-def]
-    """Solve the pending chains first .. stop together; returns the number of unknowns.
-
-    Where elimination has no room it returns 0 and has changed nothing.
-    """
-    target, constant, weight, index = component_rows(v, first, stop, chains, owner, up, factors)
-    if not eliminate(constant, weight, index):
-        for k in range(first, stop):
-            chain = chains[LEFT, k]
-            _write_owner(chain + 1, chain, chains, owner, up)
-        return 0
-    for j in range(target.size):
-        v[target[j]] = max(constant[j], 0.0)  # as the solution is: below 0 would say that it is unsolved
-    solve_members(v, first, stop, chains, up, down, factors, screening)
-    return target.size
-
-
-@kernel
 def solve_members(v, first, stop, chains, up, down, factors, screening):  # type: ignore[no-untyped-def]
     """Solve each of the pending chains first .. stop, given the values at the pixels that it depends on."""
     for k in range(first, stop):
@@ -211,13 +206,14 @@ def component_rows(v, first, stop, chains, owner, up, factors):  # type: ignore[
     """The rows of the component of the pending chains first .. stop, which `owner` is above 0 on.
 
     Returns the unknowns' pixels; their constants; and weight and index of the two rows that row j depends on, at 2 j
-    and 2 j + 1, with index -1 for none. `owner` is overwritten on the unknowns.
+    and 2 j + 1, with index -1 for none. What comes from solved pixels is in the constant. `owner` is overwritten on the
+    unknowns.
     """
     size = 0
-    longest = 0
+    longest = np.int64(0)
     for k in range(first, stop):  # make `owner` negative where a chain depends on it
         chain = chains[LEFT, k]
-        longest = max(longest, chains[LENGTH, chain])
+        longest = max(longest, np.int64(chains[LENGTH, chain]))
         for side in range(2):
             y = chains[BELOW + side, chain]
             if owner[y] > 0 and y != chains[side, chain]:
@@ -225,14 +221,7 @@ def component_rows(v, first, stop, chains, owner, up, factors):  # type: ignore[
                 size += 1
     target, index = np.empty(size, np.int64), np.empty(2 * size, np.int64)
     constant, weight = np.empty(size), np.empty(2 * size)
-    _affine_rows(v, first, stop, longest, chains, owner, up, factors, target, constant, weight, index)
-    return target, constant, weight, index
-
-
-@inlined
-def _affine_rows(v, first, stop, longest, chains, owner, up, factors, target, constant, weight, index):  # type: ignore[no-untyped-def]
-    """Fill in the rows. What comes from solved pixels is in the constant; a row's index is -1 where it has none."""
-    responses = np.empty(3 * longest).reshape(3, longest)
+    a, b, c = np.empty(longest), np.empty(longest), np.empty(longest)
     end = 0
     for k in range(first, stop):
         chain = chains[LEFT, k]
@@ -247,22 +236,24 @@ def _affine_rows(v, first, stop, longest, chains, owner, up, factors, target, co
             x = up[x]
         if end > begin:
             peak = chains[ABOVE, chain] == chains[LAST, chain]
-            solve_chain_affine(chains[LENGTH, chain], peak, factors, responses)
+            solve_chain_affine(chains[LENGTH, chain], peak, factors, a, b, c)
         for j in range(begin, end):
             place = index[2 * j]
-            constant[j] = responses[0, place]
+            constant[j] = a[place]
             for side in range(2):
                 y = chains[BELOW + side, chain]
+                share = c[place] if side else b[place]
                 weight[2 * j + side] = 0.0
                 index[2 * j + side] = -1
                 if owner[y] < 0 and y != chains[side, chain]:
-                    weight[2 * j + side] = responses[1 + side, place]
+                    weight[2 * j + side] = share
                     index[2 * j + side] = y
                 else:
-                    constant[j] += responses[1 + side, place] * abs(v[y])
+                    constant[j] += share * abs(v[y])
     for j in range(index.size):
         if index[j] >= 0:
             index[j] = -1 - owner[index[j]]
+    return target, constant, weight, index
 
 
 @kernel
@@ -318,12 +309,18 @@ def eliminate(constant, weight, index):  # type: ignore[no-untyped-def]
     room = ROOM * size + 64
     row, column = np.empty(room, np.int32), np.empty(room, np.int32)
     after, beside = np.empty(room, np.int32), np.empty(room, np.int32)
-    value, x = np.empty(room), constant.copy()
-    first, dependent, pivot = np.full(size, -1, np.int32), np.full(size, -1, np.int32), np.full(size, -1, np.int32)
-    added, pairs = np.zeros(size, np.int64), 0  # by column, the last pair of rows in which it was in both; pairs so far
-    needs, needed = np.zeros(size, np.int32), np.zeros(size, np.int32)  # numbers on the lists, the diagonal left out
-    order, left, live = np.empty(size, np.int32), np.arange(size), np.ones(size, np.bool_)
+    value, x = np.empty(room), np.empty(size)
+    first, dependent, pivot = np.empty(size, np.int32), np.empty(size, np.int32), np.empty(size, np.int32)
+    added, pairs = np.empty(size, np.int64), 0  # by column, the last pair of rows in which it was in both; pairs so far
+    # how many numbers are on the lists, the diagonal left out; of rows that are eliminated the first is _GONE
+    needs, needed = np.empty(size, np.int32), np.empty(size, np.int32)
+    order, left = np.empty(size, np.int32), np.empty(size, np.int64)
     end, spare = np.int64(0), np.int64(-1)
+    for j in range(size):  # np.zeros and the like would each be compiled
+        x[j] = constant[j]
+        first[j] = dependent[j] = pivot[j] = -1
+        added[j] = needs[j] = needed[j] = 0
+        left[j] = j
     for j in range(size):
         for k in range(2 * j, 2 * j + 2):
             i = index[k]
@@ -352,7 +349,7 @@ def eliminate(constant, weight, index):  # type: ignore[no-untyped-def]
                 value[e] *= scale
                 needed[column[e]] -= 1
                 e = np.int64(after[e])
-            live[j] = False
+            needs[j] = _GONE
             order[done] = j
             done += 1
             e = np.int64(first[j])
@@ -363,7 +360,7 @@ def eliminate(constant, weight, index):  # type: ignore[no-untyped-def]
             while d >= 0:
                 following = np.int64(beside[d])
                 i = np.int64(row[d])
-                if live[i]:
+                if needs[i] != _GONE:
                     share = value[d]
                     x[i] += share * x[j]
                     pairs += 1
