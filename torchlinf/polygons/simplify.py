@@ -86,7 +86,7 @@ def simplify(
         max_pixels: an outline that needs a larger drawing is refused.
         errors: "row", what cannot be simplified has None for a geometry and the reason in "error"; or "raise".
         {measure options}
-            Here "own", degrees or None.
+            Here orientation must be "own", degrees or None.
 
     Returns:
         Columns by name, one entry per geometry in their order.
