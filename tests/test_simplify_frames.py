@@ -44,7 +44,8 @@ def test_a_slanted_rectangle_becomes_clean_and_nothing_else_changes(kind: str, d
 
 def test_a_known_angle_and_a_grid_that_is_not_turned() -> None:
     shape, different, clean = slanted(20, "notch")
-    found = torchlinf.simplify(shape, weight=1.0, tries=8, orientation=20.0, spatial_ndim=2)
+    # With the topology kept the search ends elsewhere: at a box without the part beside the notch.
+    found = torchlinf.simplify(shape, weight=1.0, tries=8, orientation=20.0, keep_topology=False, spatial_ndim=2)
     assert int((found.mask ^ clean).sum()) <= 0.1 * int(different.sum())
     assert float(found.after) < 0.1 * float(found.before)
     probability = blobs(2, 21, 26, seed=4)
