@@ -124,7 +124,7 @@ class _Rounds:
                 self._certify(tol, answer, sweeps)
                 sweeps = 0
             if len(self.shape):
-                self._solve_policies(first=number == 0 and bool(coarse))
+                self._solve_policies(first=number == 0 and coarse is not None)
                 self._certify(tol, answer, sweeps)
             number += 1
 

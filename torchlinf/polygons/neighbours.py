@@ -80,7 +80,9 @@ def more_overlap(before: Shapes, after: Shapes, slight: float | None = None) -> 
     import shapely
 
     first, second = shapely.STRtree(after).query(after, predicate="intersects")
-    first, second = first[first < second], second[first < second]
+    changed = np.array([new is not old for new, old in zip(after, before, strict=True)], np.bool_)
+    pairs = (first < second) & (changed[first] | changed[second])
+    first, second = first[pairs], second[pairs]
     more = shapely.area(shapely.intersection(after[first], after[second]))
     more -= shapely.area(shapely.intersection(before[first], before[second]))
     if slight is None:

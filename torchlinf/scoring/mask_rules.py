@@ -371,13 +371,13 @@ def _valid(values: Values, reading: Reading) -> NDArray[np.bool_] | None:
 
 def is_ignored(values: Values, reading: Reading) -> NDArray[np.bool_]:
     """Which pixels have a value that --ignore names."""
-    return np.isin(values.array if values.ids is None else values.ids, reading.ignored)
+    return np.isin(values.labels, reading.ignored)
 
 
 def _inside(
     values: Values, valid: NDArray[np.bool_] | None, reading: Reading, advised: Collection[str]
 ) -> tuple[NDArray[np.bool_], str]:
-    ids = values.array if values.ids is None else values.ids
+    ids = values.labels
     if reading.threshold is not None:
         return values.array > reading.threshold, above(reading.threshold)
     if reading.label is not None:
@@ -405,7 +405,7 @@ def _dark_and_bright(array: NDArray[Any]) -> bool:
 
 def _advice(error: UnclearMaskError, values: Values, valid: NDArray[np.bool_] | None, advised: Collection[str]) -> str:
     if values.coloured:
-        colours, _ = distinct(values.array if values.ids is None else values.ids, valid)
+        colours, _ = distinct(values.labels, valid)
         if values.lossy:
             return f"colours ({len(colours)}), changed by compression: pass --threshold for the brightest channel"
         if values.is_rgb:
@@ -433,7 +433,7 @@ def _options(advised: Collection[str], example: int | float, outside: str, of_th
 
 def _labels(values: Values) -> NDArray[Any]:
     """The labels of a label map, as integers."""
-    ids = values.array if values.ids is None else values.ids
+    ids = values.labels
     if values.lossy:
         raise UnreadableMaskError("lossy compression changes labels; save label maps as PNG or TIFF")
     if ids.dtype == np.bool_:

@@ -180,8 +180,7 @@ def _left_out(values: Values, reading: Reading) -> NDArray[np.bool_]:
     """The pixels that are never changed: what --ignore names, and what has no data, by the file itself."""
     left_out = is_ignored(values, reading)
     if values.valid is not None:
-        ids = values.array if values.ids is None else values.ids
-        left_out |= ~values.valid & (ids != 0)  # 0 is the outside, whatever else a file calls it
+        left_out |= ~values.valid & (values.labels != 0)  # 0 is the outside, whatever else a file calls it
     return left_out
 
 
@@ -278,7 +277,7 @@ def _of_masks(
     unknown = np.isnan(values.array) if values.array.dtype.kind == "f" else False
     free = ~(left_out | unknown)
     if options.reading.labels or options.reading.label is not None:
-        free &= (values.array if values.ids is None else values.ids) == 0  # what no other label has
+        free &= values.labels == 0  # what no other label has
         outside = _commonest(pixels, free)
     else:
         outside = _commonest(pixels, free & ~found[0].inside)

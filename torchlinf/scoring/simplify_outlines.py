@@ -56,9 +56,8 @@ def simplified_outlines(
         advance()
     numbers = pd.concat(parts, ignore_index=True)
     changed = numbers["changed_area"].to_numpy() > 0
-    shapes = np.asarray(given.geometry, dtype=object).copy()
-    has_z = shapely.has_z(shapes)
-    shapes[has_z] = shapely.force_2d(shapes[has_z])  # new outlines have no heights: a layer is not to be a mix
+    # New outlines have no heights, and a layer is not to be a mix.
+    shapes = shapely.force_2d(np.asarray(given.geometry, dtype=object))
     if changed.any():
         simpler = geopandas.GeoSeries(numbers["geometry"].to_numpy()[changed], crs=flat.crs)
         shapes[changed] = np.asarray(simpler if crs is None else simpler.to_crs(given.crs), dtype=object)

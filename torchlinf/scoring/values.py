@@ -43,6 +43,11 @@ class Values:
     spacing: tuple[float, ...] | None = None
     is_to_scale: bool = False
 
+    @property
+    def labels(self) -> NDArray[Any]:
+        """The numbers that options of labels name: `ids` where there are some, else `array`."""
+        return self.array if self.ids is None else self.ids
+
     def page(self, index: int) -> "Values":
         """One page of a stack."""
         ids, valid = (None if one is None else one[index] for one in (self.ids, self.valid))
